@@ -1,0 +1,98 @@
+/* TinyKoop: recursive Koopman learning for microcontrollers, in C99 without a heap.
+ *
+ * The lifted state psi = Psi(x) of a robot is predicted by a linear model
+ *
+ *     psi[k+1] = Theta * zeta[k],    Theta = [A B],    zeta = [psi; u],
+ *
+ * and Theta is learned while the robot runs, by recursive least squares whose
+ * covariance P a regulator keeps healthy ("Covariance-Regulated Recursive
+ * Koopman Learning", below called the paper).
+ *
+ * Sizes:  n  states,  N  lifted states,  m  inputs,  d = N + m  regressors.
+ *
+ * Every name exists twice, from one source: koopf_ works in float, koopd_ in
+ * double, and both can be linked into one program. Compile lib/koopf.c,
+ * lib/koopd.c, or both. In tinykoop_api.h, KOOP(name) stands for koopf_name or
+ * koopd_name and KOOP_REAL for float or double.
+ *
+ * Every call checks what it is given and returns a status. A call that refuses
+ * leaves what was learned bit for bit as it was.
+ *
+ * Thread safety: separate objects may be used from separate threads. There are
+ * no writable globals.
+ */
+#ifndef TINYKOOP_H
+#define TINYKOOP_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define KOOP_VERSION "0.1.0"
+
+/* Largest N, m and N + m that are accepted: it bounds every loop. */
+#define KOOP_MAX_DIM 255
+
+/* What a call returns. Errors are negative. */
+enum {
+	KOOP_OK = 0,
+	KOOP_E_NULL = -1,       /* a pointer that must be given is null */
+	KOOP_E_SIZE = -2,       /* a dimension is zero or too large, or sizes do not agree */
+	KOOP_E_STORAGE = -3,    /* the caller's storage is too small */
+	KOOP_E_RANGE = -4,      /* a setting is outside its range */
+	KOOP_E_INPUT = -5,      /* an input is NaN or infinite */
+	KOOP_E_OVERFLOW = -6,   /* the result would not be finite in this precision */
+	KOOP_E_INDEFINITE = -7, /* the covariance would lose positive definiteness */
+	KOOP_E_MODEL = -8       /* a stored model is damaged or is of another kind */
+};
+
+/* What an update does about the positive definiteness of P.
+ *
+ * The plain form can lose it to round-off: the gain then points the wrong way
+ * and the model is ruined within a few samples. The square-root form cannot,
+ * so there the check costs nothing and the three settings are the same. */
+enum {
+	KOOP_CHECK_REFUSE = 0,  /* factor P at every update, refuse the sample that breaks it */
+	KOOP_CHECK_REPORT = 1,  /* factor P, say so in the health, go on as the paper's recursion does */
+	KOOP_CHECK_DIAGONAL = 2 /* refuse only on a diagonal element that is not positive; no factoring */
+};
+
+/* Number of reals of the caller's storage, for static arrays:
+ *
+ *     static float storage[KOOP_RLS_REALS_SQRT(22, 2)];
+ *
+ * SQRT suits the square-root form with any regulator, PLAIN the plain form
+ * with any regulator and any check. rls_reals() gives the exact number, which
+ * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL. */
+#define KOOP_PAD(k) (((size_t)(k) + 3u) / 4u * 4u)
+#define KOOP_RLS_REALS(N, m, squares)                                                                        \
+	(((size_t)(N) + (m)) * (KOOP_PAD(N) + (squares) * KOOP_PAD((size_t)(N) + (m))) + KOOP_PAD(N) +           \
+	 5u * KOOP_PAD((size_t)(N) + (m)))
+#define KOOP_RLS_REALS_SQRT(N, m) KOOP_RLS_REALS(N, m, 1u)
+#define KOOP_RLS_REALS_PLAIN(N, m) KOOP_RLS_REALS(N, m, 3u)
+
+/* Number of bytes of a stored model with N lifted states and m inputs. */
+#define KOOP_MODEL_HEADER_BYTES 24u
+#define KOOPF_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 4u * (N) * ((N) + (m)))
+#define KOOPD_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 8u * (N) * ((N) + (m)))
+
+#define KOOP_REAL float
+#define KOOP(name) koopf_##name
+#include "tinykoop_api.h"
+#undef KOOP
+#undef KOOP_REAL
+
+#define KOOP_REAL double
+#define KOOP(name) koopd_##name
+#include "tinykoop_api.h"
+#undef KOOP
+#undef KOOP_REAL
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,192 @@
+/* The interface of TinyKoop in one precision. Included by tinykoop.h, once for
+ * float (koopf_) and once for double (koopd_): include that, not this. */
+
+/* Message for a status: static text, never null. */
+const char *KOOP(status_message)(int status);
+
+/* ---- Dictionary: how a state is lifted ---------------------------------- */
+
+/* A dictionary lifts x (n values) to psi (N values). The first n values of psi
+ * are x itself, so that the state can be read off a prediction.
+ *
+ * Your own: fill this struct. `lift` writes all N values and sees its own
+ * dictionary, so `context` can carry its settings. It need not check for NaN.
+ */
+typedef struct KOOP(dictionary) {
+	const char *name;
+	size_t n_states; /* n >= 1 */
+	size_t n_lifted; /* N >= n */
+	void (*lift)(const struct KOOP(dictionary) *self, const KOOP_REAL *x, KOOP_REAL *psi);
+	const void *context;
+} KOOP(dictionary);
+
+/* Differential-drive robot, x = [px (m), py (m), theta (rad)], paper section
+ * "Dictionary selection":
+ *   poly  N = 7   [px py theta  px^2 py^2  sin cos]
+ *   rbf   N = 22  [px py theta  16 Gaussians of (px, py)  sin cos atan2(sin, cos)]
+ * The Gaussians have sigma 1.5 m on a 4 x 4 grid over [-3, 3] m: the paper
+ * leaves both open, these reproduce its figures. */
+extern const KOOP(dictionary) KOOP(poly_ddr);
+extern const KOOP(dictionary) KOOP(rbf_ddr);
+
+/* Flapping-wing MAV, x = [gyro (3, rad/s), accelerometer (3, m/s^2), pitch,
+ * roll, yaw (rad), yaw rate (rad/s)]. The paper does not define these; see the
+ * two source files for what was chosen and why:
+ *   poly  N = 20  [x  squares and products of the gyro rates  sin, cos of pitch and roll]
+ *   rbf   N = 30  [x  16 Gaussians of (pitch, roll)  sin, cos of pitch and roll] */
+extern const KOOP(dictionary) KOOP(poly_fwmav);
+extern const KOOP(dictionary) KOOP(rbf_fwmav);
+
+/* psi = Psi(x). Refuses a state or a result that is not finite; psi is then
+ * not to be used. */
+int KOOP(lift)(const KOOP(dictionary) *dictionary, const KOOP_REAL *x, KOOP_REAL *psi);
+
+/* ---- Regulator: what a sample does to Theta and P ------------------------ */
+
+struct KOOP(rls);
+
+/* How one sample is to be used:
+ *
+ *     g = (P + inflate zeta zeta') zeta,   s = zeta' g
+ *     Theta += error g' / (noise + s)                          if update_theta
+ *     P = (P + inflate zeta zeta' - g g' / (noise + s)) scale  if update_covariance
+ */
+typedef struct KOOP(step) {
+	KOOP_REAL noise;   /* lambda, or 1 where forgetting is done by `inflate` */
+	KOOP_REAL scale;   /* 1 / lambda for exponential forgetting, else 1 */
+	KOOP_REAL inflate; /* SIFt: what is forgotten along zeta, else 0 */
+	KOOP_REAL trace;   /* P is scaled to this trace at the end; 0: it is not */
+	int update_theta;
+	int update_covariance;
+} KOOP(step);
+
+typedef struct KOOP(regulator) {
+	const char *name;
+	int needs_information; /* 1: P^-1 is kept too (plain form) */
+	/* Decides from the norm of the innovation; `step` comes in as exponential
+	 * forgetting. */
+	int (*decide)(struct KOOP(rls) *rls, KOOP_REAL innovation, KOOP(step) *step);
+} KOOP(regulator);
+
+extern const KOOP(regulator) KOOP(reg_none);  /* lambda = 1: nothing is forgotten */
+extern const KOOP(regulator) KOOP(reg_ef);    /* exponential forgetting, the paper's vanilla */
+extern const KOOP(regulator) KOOP(reg_dz_cs); /* dead zone: a small innovation leaves P alone */
+extern const KOOP(regulator) KOOP(reg_dz_ks); /* dead zone: a small innovation leaves P and Theta alone */
+extern const KOOP(regulator) KOOP(reg_ct);    /* constant trace */
+extern const KOOP(regulator) KOOP(reg_sift);  /* forgets only along the regressor */
+
+/* ---- Form: how P is kept -------------------------------------------------- */
+
+typedef struct KOOP(form) {
+	const char *name;
+	/* squares of storage, each d rows of KOOP_PAD(d) reals */
+	size_t (*squares)(const struct KOOP(rls) *rls);
+	/* P = p0 I */
+	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
+	/* rls->gain = P zeta; returns zeta' P zeta */
+	KOOP_REAL (*gain)(struct KOOP(rls) *rls);
+	/* zeta' P^-1 zeta */
+	KOOP_REAL (*information)(struct KOOP(rls) *rls);
+	/* P as `step` says, or a status and P as it was; rls->gain is
+	 * g / denominator, and denominator = noise + s */
+	int (*apply)(struct KOOP(rls) *rls, const KOOP(step) *step, KOOP_REAL denominator);
+	/* element (i, j) of P */
+	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
+} KOOP(form);
+
+/* plain: P itself, symmetric bit for bit by construction. The paper's algebra,
+ *        and the fastest; P can lose positive definiteness.
+ * sqrt:  triangular S with P = S S' (Carlson's update). P is positive definite
+ *        by construction and reaches the square of the plain form's range. */
+extern const KOOP(form) KOOP(form_plain);
+extern const KOOP(form) KOOP(form_sqrt);
+
+/* ---- Recursive least squares ---------------------------------------------- */
+
+typedef struct KOOP(config) {
+	const KOOP(dictionary) *dictionary;
+	size_t n_inputs; /* m >= 1 */
+	const KOOP(regulator) *regulator;
+	const KOOP(form) *form;
+	KOOP_REAL lambda;   /* forgetting factor, (0, 1]; the regulator `none` ignores it */
+	KOOP_REAL p0;       /* P starts as p0 I, p0 > 0 */
+	KOOP_REAL delta;    /* dead zones: threshold of the innovation, >= 0 */
+	KOOP_REAL tau0;     /* constant trace: the trace, > 0; 0 means p0 d */
+	KOOP_REAL eps_sift; /* SIFt: least zeta' zeta that carries information, > 0; 0 means 1e-10 */
+	int check;          /* KOOP_CHECK_... */
+} KOOP(config);
+
+/* What an update saw, filled in whether it took the sample or not. */
+typedef struct KOOP(health) {
+	KOOP_REAL innovation;   /* |psi_next - Theta zeta|, before the update */
+	KOOP_REAL trace;        /* of P; infinite where only its root fits this precision */
+	KOOP_REAL min_diagonal; /* smallest diagonal element of P */
+	int gated;              /* 1: the regulator left P alone */
+	int positive_definite;  /* 0: P is not, or would not have been */
+	int finite;             /* 0: something was not, or would not have been */
+} KOOP(health);
+
+/* The estimator. The caller owns it and its storage; treat the fields as
+ * private unless you write a regulator or a form. */
+typedef struct KOOP(rls) {
+	KOOP(config) config;
+	size_t n_lifted;            /* N */
+	size_t n_regressors;        /* d = N + m */
+	size_t n_lifted_padded;     /* rows of theta are this long */
+	size_t n_regressors_padded; /* rows of covariance are this long */
+	KOOP_REAL *theta;           /* Theta', d x N, zero in the padding */
+	KOOP_REAL *covariance;      /* the form's squares, one after the other */
+	KOOP_REAL *zeta;            /* scratch: regressor, d */
+	KOOP_REAL *gain;            /* scratch: P zeta, then the gain K, d */
+	KOOP_REAL *work;            /* scratch: three of d */
+	KOOP_REAL *error;           /* scratch: innovation, N */
+	KOOP_REAL theta_bound;      /* >= every |element| of theta */
+	KOOP_REAL covariance_bound; /* >= every |element| of the first square */
+	int positive_definite;      /* 0: P is known not to be */
+} KOOP(rls);
+
+/* Number of reals that rls_init() will need for this configuration. */
+int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals);
+
+/* Theta = 0, P = p0 I. `storage` must outlive `rls`; what it holds does not matter. */
+int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storage, size_t reals);
+
+/* Learns from one step: psi (N) and u (m) led to psi_next (N). Paper, eq. (4)
+ * and section "Robust Covariance-Regulated Modifications".
+ *
+ * `health` may be null. Policy: a sample that is not finite, whose result would
+ * not be finite, or that would cost P its positive definiteness is refused,
+ * and Theta and P stay as they were. When KOOP_E_INDEFINITE or
+ * KOOP_E_OVERFLOW keeps coming back, rls_reset_covariance() is the way on. */
+int KOOP(rls_update)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, const KOOP_REAL *psi_next,
+                     KOOP(health) *health);
+
+/* psi_next = Theta [psi; u]. psi_next (N) may be psi. */
+int KOOP(rls_predict)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, KOOP_REAL *psi_next);
+
+/* Starts P again as p0 I and keeps Theta. */
+int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
+
+/* Theta as N rows of d, row by row. */
+int KOOP(rls_get_theta)(const KOOP(rls) *rls, KOOP_REAL *theta);
+int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
+
+/* P as d rows of d. */
+int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
+
+/* ---- Dead-zone threshold --------------------------------------------------- */
+
+/* The linearly interpolated eta-quantile of calibration innovations (paper,
+ * remark "Dead-Zone Threshold Selection"), 0 <= eta <= 1. Sorts `scores`. */
+int KOOP(threshold)(KOOP_REAL *scores, size_t count, KOOP_REAL eta, KOOP_REAL *delta);
+
+/* ---- Stored model ----------------------------------------------------------- */
+
+/* Theta of an estimator as bytes with a checksum, for flash or a file; the
+ * size is KOOPF_MODEL_BYTES or KOOPD_MODEL_BYTES. P is not stored: what an
+ * offline fit leaves is too small to go on learning with. */
+int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size);
+
+/* Sets Theta of an initialised estimator. A model of another precision, size
+ * or dictionary, or with a wrong checksum, is refused with KOOP_E_MODEL. */
+int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size);

@@ -1,0 +1,13 @@
+/* TinyKoop in float32: compile this file and include tinykoop.h. */
+#include "tinykoop.h"
+
+#include <float.h>
+#include <math.h>
+
+#define real float
+#define REAL_MAX FLT_MAX
+#define REAL_EPSILON FLT_EPSILON
+#define MATH(function) function##f
+#define KOOP(name) koopf_##name
+
+#include "src/all.h"

@@ -1,0 +1,21 @@
+/* The sources of TinyKoop in the order in which they build on each other.
+ * koopf.c and koopd.c include this with `real`, MATH and KOOP defined. */
+#include "status.c"
+#include "vector.c"
+
+#include "dictionary.c"
+#include "dictionary_ddr.c"
+#include "dictionary_fwmav.c"
+
+#include "regulator_none.c"
+#include "regulator_ef.c"
+#include "regulator_dead_zone.c"
+#include "regulator_ct.c"
+#include "regulator_sift.c"
+
+#include "form_plain.c"
+#include "form_sqrt.c"
+
+#include "rls.c"
+#include "threshold.c"
+#include "model.c"

@@ -1,0 +1,32 @@
+/* What every dictionary is checked for, and what several of them use. */
+
+static int dictionary_check(const KOOP(dictionary) *dictionary) {
+	if (!dictionary || !dictionary->lift || !dictionary->name) { return KOOP_E_NULL; }
+	if (dictionary->n_states < 1 || dictionary->n_lifted < dictionary->n_states ||
+	    dictionary->n_lifted > KOOP_MAX_DIM) {
+		return KOOP_E_SIZE;
+	}
+	return KOOP_OK;
+}
+
+int KOOP(lift)(const KOOP(dictionary) *dictionary, const real *x, real *psi) {
+	const int status = dictionary_check(dictionary);
+	if (status != KOOP_OK) { return status; }
+	if (!x || !psi) { return KOOP_E_NULL; }
+	if (!all_finite(x, dictionary->n_states)) { return KOOP_E_INPUT; }
+
+	dictionary->lift(dictionary, x, psi);
+	return all_finite(psi, dictionary->n_lifted) ? KOOP_OK : KOOP_E_OVERFLOW;
+}
+
+/* out[4 i + j] = exp(-|(a, b) - (center[i], center[j])|^2 / (2 sigma^2)): a
+ * Gaussian of two coordinates is a product of two, so 8 exponentials make 16. */
+static void gaussian_grid_4x4(real a, real b, const real *center, real sigma, real *out) {
+	const real factor = -1 / (2 * sigma * sigma);
+	real along_b[4];
+	for (size_t j = 0; j < 4; j++) { along_b[j] = MATH(exp)(factor * (b - center[j]) * (b - center[j])); }
+	for (size_t i = 0; i < 4; i++) {
+		const real along_a = MATH(exp)(factor * (a - center[i]) * (a - center[i]));
+		for (size_t j = 0; j < 4; j++) { out[4 * i + j] = along_a * along_b[j]; }
+	}
+}

@@ -1,0 +1,47 @@
+/* Dictionaries of the flapping-wing MAV,
+ * x = [gx gy gz (rad/s), ax ay az (m/s^2), pitch roll yaw (rad), yaw rate (rad/s)].
+ *
+ * The paper names Poly and RBF but defines neither for this vehicle. Chosen:
+ *
+ * - sin and cos of pitch and roll in both: gravity enters the accelerometer
+ *   through them. Nothing of yaw: dynamics do not depend on heading.
+ * - poly adds squares and products of the body rates: the gyroscopic torques of
+ *   Euler's equations and, to first order, the rate-squared part of wing drag.
+ * - rbf adds Gaussians of (pitch, roll), the slow pair that tells flight regimes
+ *   apart, as the DDR's are Gaussians of position. Rates shake with every wing
+ *   beat and would make Gaussians of them noise. The grid covers +-0.6 rad,
+ *   beyond which such vehicles do not return from hover or slow flight, and
+ *   sigma is 3/4 of the spacing as in the DDR's.
+ *
+ * The regressor has no constant: cos(pitch) and cos(roll) stand in for it. */
+
+static void lift_gravity(const real *x, real *out) {
+	out[0] = MATH(sin)(x[6]);
+	out[1] = MATH(cos)(x[6]);
+	out[2] = MATH(sin)(x[7]);
+	out[3] = MATH(cos)(x[7]);
+}
+
+static void lift_poly_fwmav(const KOOP(dictionary) *self, const real *x, real *psi) {
+	(void)self;
+	for (size_t i = 0; i < 10; i++) { psi[i] = x[i]; }
+	psi[10] = x[0] * x[0];
+	psi[11] = x[1] * x[1];
+	psi[12] = x[2] * x[2];
+	psi[13] = x[0] * x[1];
+	psi[14] = x[1] * x[2];
+	psi[15] = x[2] * x[0];
+	lift_gravity(x, psi + 16);
+}
+
+const KOOP(dictionary) KOOP(poly_fwmav) = {"poly", 10, 20, lift_poly_fwmav, NULL};
+
+static void lift_rbf_fwmav(const KOOP(dictionary) *self, const real *x, real *psi) {
+	static const real center[4] = {(real)-0.6, (real)-0.2, (real)0.2, (real)0.6}; /* rad */
+	(void)self;
+	for (size_t i = 0; i < 10; i++) { psi[i] = x[i]; }
+	gaussian_grid_4x4(x[6], x[7], center, (real)0.3, psi + 10);
+	lift_gravity(x, psi + 26);
+}
+
+const KOOP(dictionary) KOOP(rbf_fwmav) = {"rbf", 10, 30, lift_rbf_fwmav, NULL};

@@ -1,0 +1,16 @@
+/* Dead zones. Paper, section "Error Dead-Zone Gating": while the innovation is
+ * at most delta the model is good enough, and P must not be inflated. */
+
+static int decide_dz_cs(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
+	step->update_covariance = innovation > rls->config.delta;
+	return KOOP_OK;
+}
+
+static int decide_dz_ks(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
+	step->update_covariance = innovation > rls->config.delta;
+	step->update_theta = step->update_covariance;
+	return KOOP_OK;
+}
+
+const KOOP(regulator) KOOP(reg_dz_cs) = {"dz_cs", 0, decide_dz_cs};
+const KOOP(regulator) KOOP(reg_dz_ks) = {"dz_ks", 0, decide_dz_ks};

@@ -1,0 +1,11 @@
+/* No forgetting: lambda = 1. Paper, eq. (4); P only shrinks and the gain vanishes. */
+
+static int decide_none(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
+	(void)rls;
+	(void)innovation;
+	step->noise = 1;
+	step->scale = 1;
+	return KOOP_OK;
+}
+
+const KOOP(regulator) KOOP(reg_none) = {"none", 0, decide_none};

@@ -1,0 +1,37 @@
+/* The interface of an unmodelled effect.
+ *
+ * To add one: write effects/NAME.c, name it in effects.c and CMakeLists.txt.
+ * All parameters zero must leave every signal bit for bit as it was.
+ */
+#ifndef EFFECTS_H
+#define EFFECTS_H
+
+#include "tinykoop_sim.h"
+
+/* What flows through one time step. An effect changes the part of its block. */
+typedef struct tk_signal {
+	double t, dt;      /* s */
+	double command[2]; /* actuator: v (m/s), omega (rad/s) as they reach the wheels */
+	double body[3];    /* plant: longitudinal, lateral velocity (m/s), yaw rate (rad/s) */
+	double pose[3];    /* sensor: px, py (m), theta (rad) as measured; before that, the true pose */
+} tk_signal;
+
+typedef struct tk_parameter {
+	const char *name, *unit;
+	double low, high; /* bounds for fitting */
+	double usual;     /* of a robot that has this effect */
+} tk_parameter;
+
+typedef struct tk_effect {
+	const char *name;
+	int block; /* TK_ACTUATOR, TK_PLANT or TK_SENSOR */
+	size_t n_parameters;
+	tk_parameter parameters[TK_MAX_PARAMETERS];
+	size_t n_memory; /* doubles of state, zero when the effect sets in */
+	void (*apply)(const double *parameters, double *memory, tk_signal *signal);
+} tk_effect;
+
+/* Null if there is none of that name. */
+const tk_effect *effect_by_name(const char *name);
+
+#endif

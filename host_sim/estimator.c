@@ -1,0 +1,117 @@
+/* lib/ in either precision behind one interface. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "message.h"
+#include "tinykoop.h"
+
+/* Whether M (d x d), of which the lower triangle is read and overwritten, has a
+ * Cholesky factor in double. */
+static int cholesky_succeeds(double *M, size_t d) {
+	for (size_t j = 0; j < d; j++) {
+		double *row = M + j * d;
+		for (size_t k = 0; k < j; k++) { row[j] -= row[k] * row[k]; }
+		if (!(row[j] > 0)) { return 0; }
+		row[j] = sqrt(row[j]);
+		for (size_t i = j + 1; i < d; i++) {
+			for (size_t k = 0; k < j; k++) { M[i * d + j] -= M[i * d + k] * row[k]; }
+			M[i * d + j] /= row[j];
+		}
+	}
+	return 1;
+}
+
+#define REAL float
+#define KOOP(name) koopf_##name
+#define SIM(name) f32_##name
+#include "estimator_real.h"
+#undef REAL
+#undef KOOP
+#undef SIM
+
+#define REAL double
+#define KOOP(name) koopd_##name
+#define SIM(name) f64_##name
+#include "estimator_real.h"
+#undef REAL
+#undef KOOP
+#undef SIM
+
+struct tk_estimator {
+	f32_estimator *f32; /* one of the two is null */
+	f64_estimator *f64;
+};
+
+int tk_estimator_new(const tk_settings *settings, tk_estimator **estimator) {
+	if (!settings || !estimator || !settings->dictionary || !settings->regulator || !settings->form) {
+		return fail("dictionary, regulator and form must be given");
+	}
+	if (settings->precision != 32 && settings->precision != 64) {
+		return fail("precision is %d, it must be 32 or 64", settings->precision);
+	}
+	if (settings->n_inputs < 1) { return fail("n_inputs is %d, it must be at least 1", settings->n_inputs); }
+	tk_estimator *e = calloc(1, sizeof *e);
+	if (!e) { return fail("out of memory"); }
+	const int status = settings->precision == 32 ? f32_new(settings, &e->f32) : f64_new(settings, &e->f64);
+	if (status != TK_OK) {
+		free(e);
+		return status;
+	}
+	*estimator = e;
+	return TK_OK;
+}
+
+void tk_estimator_free(tk_estimator *e) {
+	if (e && e->f32) { f32_free(e->f32); }
+	if (e && e->f64) { f64_free(e->f64); }
+	free(e);
+}
+
+int tk_estimator_sizes(const tk_estimator *e, size_t *n, size_t *N, size_t *m) {
+	*n = e->f32 ? e->f32->rls.config.dictionary->n_states : e->f64->rls.config.dictionary->n_states;
+	*N = e->f32 ? e->f32->rls.n_lifted : e->f64->rls.n_lifted;
+	*m = e->f32 ? e->f32->rls.config.n_inputs : e->f64->rls.config.n_inputs;
+	return TK_OK;
+}
+
+int tk_estimator_get_theta(const tk_estimator *e, double *theta) {
+	return e->f32 ? f32_get_theta(e->f32, theta) : f64_get_theta(e->f64, theta);
+}
+
+int tk_estimator_set_theta(tk_estimator *e, const double *theta) {
+	return e->f32 ? f32_set_theta(e->f32, theta) : f64_set_theta(e->f64, theta);
+}
+
+int tk_estimator_get_covariance(const tk_estimator *e, double *P) {
+	if (e->f32) {
+		f32_get_covariance(e->f32, P);
+	} else {
+		f64_get_covariance(e->f64, P);
+	}
+	return TK_OK;
+}
+
+int tk_estimator_reset_covariance(tk_estimator *e, double p0) {
+	return e->f32 ? f32_reset_covariance(e->f32, p0) : f64_reset_covariance(e->f64, p0);
+}
+
+int tk_estimator_model(const tk_estimator *e, void *bytes, size_t *size) {
+	return e->f32 ? f32_model(e->f32, bytes, size) : f64_model(e->f64, bytes, size);
+}
+
+int tk_lift(const tk_estimator *e, size_t rows, const double *x, double *psi) {
+	return e->f32 ? f32_lift(e->f32, rows, x, psi) : f64_lift(e->f64, rows, x, psi);
+}
+
+int tk_replay(tk_estimator *e, size_t steps, const double *x, const double *u, const int32_t *usable,
+              int learn, const tk_trace *trace) {
+	return e->f32 ? f32_replay(e->f32, steps, x, u, usable, learn, trace)
+	              : f64_replay(e->f64, steps, x, u, usable, learn, trace);
+}
+
+int tk_estimator_soak(tk_estimator *e, size_t steps, const double *zeta, const double *target, size_t repeats,
+                      tk_soak *result) {
+	return e->f32 ? f32_soak(e->f32, steps, zeta, target, repeats, result)
+	              : f64_soak(e->f64, steps, zeta, target, repeats, result);
+}

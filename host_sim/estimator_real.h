@@ -1,0 +1,392 @@
+/* The estimator in one precision, as the host drives it. Included by
+ * estimator.c twice, with REAL, KOOP and SIM defined. */
+
+/* ---- The textbook's form of P ----------------------------------------------
+ *
+ * P = (P - K (zeta' P)) / lambda in full storage, as in most tutorials and
+ * libraries. P loses its symmetry to round-off and the recursion then diverges:
+ * it is here to show that, and nothing guards it. */
+
+static size_t SIM(textbook_squares)(const KOOP(rls) *rls) {
+	return rls->config.regulator->needs_information ? 2 : 1;
+}
+
+static REAL *SIM(textbook_inverse)(const KOOP(rls) *rls) {
+	return rls->covariance + rls->n_regressors * rls->n_regressors_padded;
+}
+
+static void SIM(textbook_reset)(KOOP(rls) *rls, REAL p0) {
+	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
+	for (size_t i = 0; i < d * rows * SIM(textbook_squares)(rls); i++) { rls->covariance[i] = 0; }
+	for (size_t i = 0; i < d; i++) {
+		rls->covariance[i * rows + i] = p0;
+		if (rls->config.regulator->needs_information) { SIM(textbook_inverse)(rls)[i * rows + i] = 1 / p0; }
+	}
+}
+
+/* y = M zeta; returns zeta' y */
+static REAL SIM(right)(const KOOP(rls) *rls, const REAL *M, REAL *y) {
+	REAL form = 0;
+	for (size_t i = 0; i < rls->n_regressors; i++) {
+		y[i] = 0;
+		for (size_t j = 0; j < rls->n_regressors; j++) {
+			y[i] += M[i * rls->n_regressors_padded + j] * rls->zeta[j];
+		}
+		form += y[i] * rls->zeta[i];
+	}
+	return form;
+}
+
+/* y = zeta' M */
+static void SIM(left)(const KOOP(rls) *rls, const REAL *M, REAL *y) {
+	for (size_t j = 0; j < rls->n_regressors; j++) {
+		y[j] = 0;
+		for (size_t i = 0; i < rls->n_regressors; i++) {
+			y[j] += rls->zeta[i] * M[i * rls->n_regressors_padded + j];
+		}
+	}
+}
+
+/* M = (M + a x y') * scale */
+static void SIM(outer)(const KOOP(rls) *rls, REAL *M, REAL a, const REAL *x, const REAL *y, REAL scale) {
+	for (size_t i = 0; i < rls->n_regressors; i++) {
+		for (size_t j = 0; j < rls->n_regressors; j++) {
+			REAL *element = &M[i * rls->n_regressors_padded + j];
+			*element = (*element + a * x[i] * y[j]) * scale;
+		}
+	}
+}
+
+static REAL SIM(textbook_gain)(KOOP(rls) *rls) {
+	return SIM(right)(rls, rls->covariance, rls->gain);
+}
+
+static REAL SIM(textbook_information)(KOOP(rls) *rls) {
+	return SIM(right)(rls, SIM(textbook_inverse)(rls), rls->work);
+}
+
+static int SIM(textbook_apply)(KOOP(rls) *rls, const KOOP(step) *step, REAL denominator) {
+	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
+	REAL *P = rls->covariance, *left = rls->work + rows;
+	(void)denominator;
+
+	if (rls->config.regulator->needs_information) {
+		REAL *R = SIM(textbook_inverse)(rls);
+		SIM(left)(rls, R, left);
+		SIM(outer)(rls, R, -step->inflate * rls->config.lambda, rls->work, left, 1);
+		SIM(outer)(rls, R, 1, rls->zeta, rls->zeta, 1);
+		SIM(outer)(rls, P, step->inflate, rls->zeta, rls->zeta, 1);
+	}
+	SIM(left)(rls, P, left);
+	SIM(outer)(rls, P, -1, rls->gain, left, step->scale);
+
+	REAL trace = 0, sum = 0;
+	for (size_t i = 0; i < d; i++) { trace += P[i * rows + i]; }
+	for (size_t i = 0; i < d * rows; i++) {
+		if (step->trace > 0) { P[i] *= step->trace / trace; }
+		sum += P[i] * 0;
+	}
+	return sum == 0 ? KOOP_OK : KOOP_E_OVERFLOW;
+}
+
+static REAL SIM(textbook_element)(const KOOP(rls) *rls, size_t i, size_t j) {
+	return rls->covariance[i * rls->n_regressors_padded + j];
+}
+
+static const KOOP(form) SIM(form_textbook) = {
+    "textbook",
+    SIM(textbook_squares),
+    SIM(textbook_reset),
+    SIM(textbook_gain),
+    SIM(textbook_information),
+    SIM(textbook_apply),
+    SIM(textbook_element),
+};
+
+/* ---- One estimator --------------------------------------------------------- */
+
+static const KOOP(dictionary) *SIM(dictionary)(const char *name) {
+	static const struct {
+		const char *name;
+		const KOOP(dictionary) *dictionary;
+	} table[] = {
+	    {"poly_ddr", &KOOP(poly_ddr)},
+	    {"rbf_ddr", &KOOP(rbf_ddr)},
+	    {"poly_fwmav", &KOOP(poly_fwmav)},
+	    {"rbf_fwmav", &KOOP(rbf_fwmav)},
+	};
+	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+		if (strcmp(table[i].name, name) == 0) { return table[i].dictionary; }
+	}
+	return NULL;
+}
+
+static const KOOP(regulator) *SIM(regulator)(const char *name) {
+	static const KOOP(regulator) *const table[] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
+	                                               &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
+	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+		if (strcmp(table[i]->name, name) == 0) { return table[i]; }
+	}
+	return NULL;
+}
+
+static const KOOP(form) *SIM(form)(const char *name) {
+	static const KOOP(form) *const table[] = {&KOOP(form_plain), &KOOP(form_sqrt), &SIM(form_textbook)};
+	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+		if (strcmp(table[i]->name, name) == 0) { return table[i]; }
+	}
+	return NULL;
+}
+
+typedef struct SIM(estimator) {
+	KOOP(rls) rls;
+	REAL *storage;
+	REAL *vectors;                    /* owns the following */
+	REAL *psi, *psi_next, *predicted; /* N each */
+	REAL *x, *u;                      /* n, m */
+	double *P;                        /* d x d */
+} SIM(estimator);
+
+static void SIM(free)(SIM(estimator) * e) {
+	free(e->storage);
+	free(e->vectors);
+	free(e->P);
+	free(e);
+}
+
+static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
+	KOOP(config) config = {
+	    .dictionary = SIM(dictionary)(s->dictionary),
+	    .n_inputs = (size_t)s->n_inputs,
+	    .regulator = SIM(regulator)(s->regulator),
+	    .form = SIM(form)(s->form),
+	    .lambda = (REAL)s->lambda,
+	    .p0 = (REAL)s->p0,
+	    .delta = (REAL)s->delta,
+	    .tau0 = (REAL)s->tau0,
+	    .eps_sift = (REAL)s->eps_sift,
+	    .check = s->check,
+	};
+	if (!config.dictionary) { return fail("there is no dictionary named '%s'", s->dictionary); }
+	if (!config.regulator) { return fail("there is no regulator named '%s'", s->regulator); }
+	if (!config.form) { return fail("there is no covariance form named '%s'", s->form); }
+
+	size_t reals;
+	int status = KOOP(rls_reals)(&config, &reals);
+	if (status != KOOP_OK) { return fail("estimator: %s", KOOP(status_message)(status)); }
+	SIM(estimator) *e = calloc(1, sizeof *e);
+	if (!e) { return fail("out of memory"); }
+	const size_t N = config.dictionary->n_lifted, n = config.dictionary->n_states, m = config.n_inputs;
+	e->storage = calloc(reals, sizeof(REAL));
+	e->vectors = calloc(3 * N + n + m, sizeof(REAL));
+	e->P = calloc((N + m) * (N + m), sizeof(double));
+	if (!e->storage || !e->vectors || !e->P) {
+		SIM(free)(e);
+		return fail("out of memory");
+	}
+	e->psi = e->vectors;
+	e->psi_next = e->psi + N;
+	e->predicted = e->psi_next + N;
+	e->x = e->predicted + N;
+	e->u = e->x + n;
+	status = KOOP(rls_init)(&e->rls, &config, e->storage, reals);
+	if (status != KOOP_OK) {
+		SIM(free)(e);
+		return fail("estimator: %s", KOOP(status_message)(status));
+	}
+	*out = e;
+	return TK_OK;
+}
+
+static int SIM(get_theta)(const SIM(estimator) * e, double *theta) {
+	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
+	REAL *row = calloc(N * d, sizeof(REAL));
+	if (!row) { return fail("out of memory"); }
+	KOOP(rls_get_theta)(&e->rls, row);
+	for (size_t i = 0; i < N * d; i++) { theta[i] = row[i]; }
+	free(row);
+	return TK_OK;
+}
+
+static int SIM(set_theta)(SIM(estimator) * e, const double *theta) {
+	const size_t count = e->rls.n_lifted * e->rls.n_regressors;
+	REAL *row = calloc(count, sizeof(REAL));
+	if (!row) { return fail("out of memory"); }
+	for (size_t i = 0; i < count; i++) { row[i] = (REAL)theta[i]; }
+	const int status = KOOP(rls_set_theta)(&e->rls, row);
+	free(row);
+	return status == KOOP_OK ? TK_OK : fail("theta: %s", KOOP(status_message)(status));
+}
+
+/* P in double. From S where P is kept as S S': P itself may not fit a float. */
+static void SIM(get_covariance)(const SIM(estimator) * e, double *P) {
+	const size_t d = e->rls.n_regressors, rows = e->rls.n_regressors_padded;
+	const int factored = e->rls.config.form == &KOOP(form_sqrt);
+	for (size_t i = 0; i < d; i++) {
+		for (size_t j = 0; j <= i; j++) {
+			double lower = 0, upper = 0;
+			if (factored) {
+				for (size_t k = i; k < d; k++) {
+					const REAL *column = e->rls.covariance + k * rows;
+					lower += (double)column[i] * (double)column[j];
+				}
+				upper = lower;
+			} else {
+				lower = e->rls.config.form->element(&e->rls, i, j);
+				upper = e->rls.config.form->element(&e->rls, j, i);
+			}
+			P[i * d + j] = lower;
+			P[j * d + i] = upper;
+		}
+	}
+}
+
+static int SIM(reset_covariance)(SIM(estimator) * e, double p0) {
+	const int status = KOOP(rls_reset_covariance)(&e->rls, (REAL)p0);
+	return status == KOOP_OK ? TK_OK : fail("p0: %s", KOOP(status_message)(status));
+}
+
+static int SIM(model)(const SIM(estimator) * e, void *bytes, size_t *size) {
+	const size_t needed = KOOP_MODEL_HEADER_BYTES + sizeof(REAL) * e->rls.n_lifted * e->rls.n_regressors;
+	if (bytes) {
+		const int status = KOOP(model_save)(&e->rls, bytes, *size);
+		if (status != KOOP_OK) { return fail("model: %s", KOOP(status_message)(status)); }
+	}
+	*size = needed;
+	return TK_OK;
+}
+
+static int SIM(lift_one)(SIM(estimator) * e, const double *x, REAL *psi) {
+	for (size_t i = 0; i < e->rls.config.dictionary->n_states; i++) { e->x[i] = (REAL)x[i]; }
+	return KOOP(lift)(e->rls.config.dictionary, e->x, psi);
+}
+
+static int SIM(lift)(SIM(estimator) * e, size_t rows, const double *x, double *psi) {
+	const size_t n = e->rls.config.dictionary->n_states, N = e->rls.n_lifted;
+	for (size_t k = 0; k < rows; k++) {
+		const int status = SIM(lift_one)(e, x + k * n, e->psi);
+		if (status != KOOP_OK) { return fail("lift, row %zu: %s", k, KOOP(status_message)(status)); }
+		for (size_t i = 0; i < N; i++) { psi[k * N + i] = e->psi[i]; }
+	}
+	return TK_OK;
+}
+
+/* By the factor's diagonal where P is kept as one, else independently of the library in double. */
+static int SIM(positive_definite)(SIM(estimator) * e, int reported) {
+	if (e->rls.config.form == &KOOP(form_sqrt)) { return reported; }
+	SIM(get_covariance)(e, e->P);
+	return cholesky_succeeds(e->P, e->rls.n_regressors);
+}
+
+static void SIM(record_model)(SIM(estimator) * e, size_t k, const tk_trace *trace) {
+	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors, columns = e->rls.n_lifted_padded;
+	const REAL *theta = e->rls.theta;
+	if (trace->norm_a) { trace->norm_a[k] = 0; }
+	if (trace->norm_b) { trace->norm_b[k] = 0; }
+	for (size_t j = 0; j < d; j++) {
+		double *sum = j < N ? trace->norm_a : trace->norm_b;
+		for (size_t i = 0; sum && i < N; i++) {
+			const double element = theta[j * columns + i];
+			sum[k] = hypot(sum[k], element);
+		}
+	}
+	if (trace->norm_p) {
+		SIM(get_covariance)(e, e->P);
+		trace->norm_p[k] = 0;
+		for (size_t i = 0; i < d * d; i++) { trace->norm_p[k] = hypot(trace->norm_p[k], e->P[i]); }
+	}
+}
+
+static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const double *u,
+                       const int32_t *usable, int learn, const tk_trace *trace) {
+	const size_t n = e->rls.config.dictionary->n_states, m = e->rls.config.n_inputs;
+	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
+	int lifted = KOOP_E_INPUT; /* status of psi for the row at hand */
+	size_t snapshot = 0;
+
+	for (size_t k = 0; k < steps; k++) {
+		KOOP(health) health = {0};
+		int status = 1;
+		double error = NAN, innovation = NAN;
+		int gated = 0;
+
+		if (trace->every && k % trace->every == 0) {
+			if (trace->theta) { SIM(get_theta)(e, trace->theta + snapshot * N * d); }
+			if (trace->covariance) { SIM(get_covariance)(e, trace->covariance + snapshot * d * d); }
+			snapshot++;
+		}
+		if (trace->predicted) {
+			for (size_t i = 0; i < n; i++) { trace->predicted[k * n + i] = NAN; }
+		}
+		if (!usable || usable[k]) {
+			if (k == 0 || lifted != KOOP_OK) { lifted = SIM(lift_one)(e, x + k * n, e->psi); }
+			const int next = SIM(lift_one)(e, x + (k + 1) * n, e->psi_next);
+			for (size_t i = 0; i < m; i++) { e->u[i] = (REAL)u[k * m + i]; }
+			status = lifted != KOOP_OK ? lifted : next;
+			if (status == KOOP_OK) { status = KOOP(rls_predict)(&e->rls, e->psi, e->u, e->predicted); }
+			if (status == KOOP_OK) {
+				error = 0;
+				for (size_t i = 0; i < n; i++) {
+					const double predicted = e->predicted[i];
+					error = hypot(error, x[(k + 1) * n + i] - predicted);
+					if (trace->predicted) { trace->predicted[k * n + i] = predicted; }
+				}
+				if (learn) {
+					status = KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, &health);
+					innovation = health.innovation;
+					gated = health.gated;
+				}
+			}
+			REAL *swap = e->psi;
+			e->psi = e->psi_next;
+			e->psi_next = swap;
+			lifted = next;
+		} else {
+			lifted = KOOP_E_INPUT;
+		}
+
+		if (trace->error) { trace->error[k] = error; }
+		if (trace->innovation) { trace->innovation[k] = innovation; }
+		if (trace->status) { trace->status[k] = status; }
+		if (trace->gated) { trace->gated[k] = gated; }
+		if (trace->trace) { trace->trace[k] = health.trace; }
+		if (trace->min_diagonal) { trace->min_diagonal[k] = health.min_diagonal; }
+		if (trace->positive_definite) {
+			trace->positive_definite[k] = SIM(positive_definite)(e, e->rls.positive_definite);
+		}
+		SIM(record_model)(e, k, trace);
+	}
+	return TK_OK;
+}
+
+static int SIM(soak)(SIM(estimator) * e, size_t steps, const double *zeta, const double *target,
+                     size_t repeats, tk_soak *result) {
+	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
+	REAL *z = calloc(steps * d, sizeof(REAL)), *y = calloc(steps * N, sizeof(REAL));
+	if (!z || !y) {
+		free(z);
+		free(y);
+		return fail("out of memory");
+	}
+	for (size_t i = 0; i < steps * d; i++) { z[i] = (REAL)zeta[i]; }
+	for (size_t i = 0; i < steps * N; i++) { y[i] = (REAL)target[i]; }
+
+	*result = (tk_soak){0, 0, -1, -1};
+	for (uint64_t k = 0; k < (uint64_t)steps * repeats; k++) {
+		const size_t row = (size_t)(k % steps);
+		const int status = KOOP(rls_update)(&e->rls, z + row * d, z + row * d + N, y + row * N, NULL);
+		result->updates += status == KOOP_OK;
+		result->refused += status != KOOP_OK;
+		if (result->non_finite_at < 0 && (status == KOOP_E_OVERFLOW || status == KOOP_E_INPUT)) {
+			result->non_finite_at = (int64_t)k;
+		}
+		/* a factorisation at every update would take longer than the soak */
+		if (result->lost_positive_definite_at < 0 && k % 101 == 0 &&
+		    !SIM(positive_definite)(e, e->rls.positive_definite)) {
+			result->lost_positive_definite_at = (int64_t)k;
+		}
+	}
+	free(z);
+	free(y);
+	return TK_OK;
+}

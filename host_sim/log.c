@@ -1,0 +1,338 @@
+/* CSV logs: contract of columns, checks, masks and segments. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "message.h"
+
+enum { MAX_COLUMNS = 64, MIN_ROWS = 3 };
+
+typedef struct platform {
+	const char *name;
+	size_t n_states, n_inputs;
+	const char *columns[12]; /* t, states, inputs */
+} platform;
+
+static const platform platforms[] = {
+    {"ddr", 3, 2, {"t", "px", "py", "theta", "v", "omega"}},
+    {"fwmav", 10, 1, {"t", "gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"}},
+};
+
+static const platform *platform_by_name(const char *name) {
+	for (size_t i = 0; i < sizeof platforms / sizeof *platforms; i++) {
+		if (name && strcmp(platforms[i].name, name) == 0) { return &platforms[i]; }
+	}
+	fail("there is no platform named '%s': use ddr or fwmav", name ? name : "");
+	return NULL;
+}
+
+struct tk_log {
+	const platform *platform;
+	size_t rows, capacity;
+	double dt;
+	double *values; /* rows of t, states, inputs */
+	double *seg;
+	int *pose_ok;
+};
+
+static size_t width(const tk_log *log) {
+	return 1 + log->platform->n_states + log->platform->n_inputs;
+}
+
+void tk_log_free(tk_log *log) {
+	if (!log) { return; }
+	free(log->values);
+	free(log->seg);
+	free(log->pose_ok);
+	free(log);
+}
+
+/* ---- Reading --------------------------------------------------------------- */
+
+/* Where in the file the reader is, for its messages. */
+typedef struct reader {
+	const char *path;
+	char *next; /* rest of the text, zero-terminated */
+	size_t line;
+	size_t n_columns;
+	char *names[MAX_COLUMNS];
+	int field_of[16]; /* for each required value, its column */
+	int seg, pose_ok; /* columns, -1 where there is none */
+} reader;
+
+/* Cuts the next line off the text; null at the end. */
+static char *next_line(reader *r) {
+	char *line = r->next;
+	if (!*line) { return NULL; }
+	char *end = strchr(line, '\n');
+	r->next = end ? end + 1 : line + strlen(line);
+	if (end) { *end = 0; }
+	const size_t length = strlen(line);
+	if (length && line[length - 1] == '\r') { line[length - 1] = 0; }
+	r->line++;
+	return line;
+}
+
+static char *trim(char *field) {
+	while (*field == ' ' || *field == '\t') { field++; }
+	size_t length = strlen(field);
+	while (length && (field[length - 1] == ' ' || field[length - 1] == '\t')) { field[--length] = 0; }
+	return field;
+}
+
+/* Splits `line` at its commas; returns the number of fields, at most `most` of
+ * which are kept. */
+static size_t split(char *line, char **fields, size_t most) {
+	size_t count = 0;
+	while (line) {
+		char *comma = strchr(line, ',');
+		if (comma) { *comma = 0; }
+		if (count < most) { fields[count] = trim(line); }
+		count++;
+		line = comma ? comma + 1 : NULL;
+	}
+	return count;
+}
+
+static int find_column(const reader *r, const char *name) {
+	for (size_t i = 0; i < r->n_columns; i++) {
+		if (strcmp(r->names[i], name) == 0) { return (int)i; }
+	}
+	return -1;
+}
+
+static int read_header(reader *r, const tk_log *log) {
+	char *line = next_line(r);
+	if (!line) { return fail("%s: the file is empty; the first line must name the columns", r->path); }
+	if (strncmp(line, "\xEF\xBB\xBF", 3) == 0) { line += 3; } /* byte order mark */
+	r->n_columns = split(line, r->names, MAX_COLUMNS);
+	if (r->n_columns > MAX_COLUMNS) {
+		return fail("%s:1: %zu columns, at most %d can be read", r->path, r->n_columns, MAX_COLUMNS);
+	}
+	for (size_t i = 0; i < width(log); i++) {
+		const char *name = log->platform->columns[i];
+		r->field_of[i] = find_column(r, name);
+		if (r->field_of[i] < 0) {
+			return fail("%s:1: column '%s' is missing; a %s log needs all of its columns (see README, Logs)",
+			            r->path, name, log->platform->name);
+		}
+	}
+	for (size_t i = 0; i < r->n_columns; i++) {
+		if (find_column(r, r->names[i]) != (int)i && r->names[i][0]) {
+			return fail("%s:1: column '%s' stands there twice (second at column %zu); remove one", r->path,
+			            r->names[i], i + 1);
+		}
+	}
+	r->seg = find_column(r, "seg");
+	r->pose_ok = find_column(r, "pose_ok");
+	return TK_OK;
+}
+
+/* A finite decimal number and nothing else. */
+static int parse(const char *text, double *value) {
+	char *end;
+	if (!*text || text[strspn(text, "+-.0123456789eE")]) { return 0; }
+	*value = strtod(text, &end);
+	return !*end && isfinite(*value);
+}
+
+static int read_number(const reader *r, char *const *fields, int column, double *value) {
+	if (parse(fields[column], value)) { return TK_OK; }
+	return fail("%s:%zu: column '%s' (%d): '%.40s' is not a finite number", r->path, r->line,
+	            r->names[column], column + 1, fields[column]);
+}
+
+static int grow(tk_log *log) {
+	if (log->rows < log->capacity) { return TK_OK; }
+	const size_t capacity = log->capacity ? 2 * log->capacity : 1024;
+	double *values = realloc(log->values, capacity * width(log) * sizeof *values);
+	if (values) { log->values = values; }
+	double *seg = realloc(log->seg, capacity * sizeof *seg);
+	if (seg) { log->seg = seg; }
+	int *pose_ok = realloc(log->pose_ok, capacity * sizeof *pose_ok);
+	if (pose_ok) { log->pose_ok = pose_ok; }
+	if (!values || !seg || !pose_ok) { return fail("out of memory after %zu rows", log->rows); }
+	log->capacity = capacity;
+	return TK_OK;
+}
+
+static int read_row(reader *r, char *line, tk_log *log) {
+	char *fields[MAX_COLUMNS];
+	const size_t count = split(line, fields, MAX_COLUMNS);
+	if (count != r->n_columns) {
+		return fail("%s:%zu: %zu fields, but the header names %zu columns", r->path, r->line, count,
+		            r->n_columns);
+	}
+	if (grow(log) != TK_OK) { return TK_ERROR; }
+
+	double seg = 0, pose_ok = 1;
+	if (r->seg >= 0 && read_number(r, fields, r->seg, &seg) != TK_OK) { return TK_ERROR; }
+	if (r->pose_ok >= 0 && read_number(r, fields, r->pose_ok, &pose_ok) != TK_OK) { return TK_ERROR; }
+	double *row = log->values + log->rows * width(log);
+	for (size_t i = 0; i < width(log); i++) {
+		const int is_state = i >= 1 && i <= log->platform->n_states;
+		if (is_state && pose_ok == 0 && !parse(fields[r->field_of[i]], &row[i])) {
+			row[i] = NAN; /* masked: never looked at */
+		} else if (read_number(r, fields, r->field_of[i], &row[i]) != TK_OK) {
+			return TK_ERROR;
+		}
+	}
+	if (log->rows && !(row[0] > row[0 - (ptrdiff_t)width(log)])) {
+		return fail("%s:%zu: column 't' (%d): time goes from %g s to %g s; it must increase", r->path,
+		            r->line, r->field_of[0] + 1, row[0 - (ptrdiff_t)width(log)], row[0]);
+	}
+	log->seg[log->rows] = seg;
+	log->pose_ok[log->rows] = pose_ok != 0;
+	log->rows++;
+	return TK_OK;
+}
+
+static int compare(const void *a, const void *b) {
+	const double x = *(const double *)a, y = *(const double *)b;
+	return (x > y) - (x < y);
+}
+
+/* dt is the median time step; samples that are not spaced by it within a
+ * segment are gaps, which tk_log_get() marks as not usable. */
+static int find_dt(const reader *r, tk_log *log) {
+	if (log->rows < MIN_ROWS) {
+		return fail("%s: %zu rows of data, at least %d are needed", r->path, log->rows, MIN_ROWS);
+	}
+	const size_t count = log->rows - 1;
+	double *steps = malloc(count * sizeof *steps);
+	if (!steps) { return fail("out of memory"); }
+	for (size_t k = 0; k < count; k++) {
+		steps[k] = log->values[(k + 1) * width(log)] - log->values[k * width(log)];
+	}
+	qsort(steps, count, sizeof *steps, compare);
+	log->dt = steps[count / 2];
+	free(steps);
+	return TK_OK;
+}
+
+static char *read_file(const char *path) {
+	FILE *file = fopen(path, "rb");
+	if (!file) {
+		fail("%s: cannot be opened; check the path", path);
+		return NULL;
+	}
+	size_t size = 0, capacity = 1 << 16;
+	char *text = malloc(capacity + 1);
+	while (text) {
+		size += fread(text + size, 1, capacity - size, file);
+		if (size < capacity) { break; }
+		char *larger = realloc(text, 2 * capacity + 1);
+		if (!larger) { free(text); }
+		text = larger;
+		capacity *= 2;
+	}
+	const int failed = ferror(file);
+	fclose(file);
+	if (!text) {
+		fail("%s: does not fit into memory", path);
+		return NULL;
+	}
+	if (failed) {
+		free(text);
+		fail("%s: cannot be read; is it a file?", path);
+		return NULL;
+	}
+	text[size] = 0;
+	if (strlen(text) != size) {
+		free(text);
+		fail("%s: contains a zero byte, so it is not a text file", path);
+		return NULL;
+	}
+	return text;
+}
+
+static int read_log(reader *r, tk_log *log) {
+	char *line;
+	if (read_header(r, log) != TK_OK) { return TK_ERROR; }
+	while ((line = next_line(r))) {
+		if (!*line) {
+			if (*r->next) { return fail("%s:%zu: the line is empty", r->path, r->line); }
+			break;
+		}
+		if (read_row(r, line, log) != TK_OK) { return TK_ERROR; }
+	}
+	return find_dt(r, log);
+}
+
+int tk_log_read(const char *path, const char *platform_name, tk_log **out) {
+	if (!path || !out) { return fail("path and log must be given"); }
+	const platform *p = platform_by_name(platform_name);
+	if (!p) { return TK_ERROR; }
+	char *text = read_file(path);
+	if (!text) { return TK_ERROR; }
+	tk_log *log = calloc(1, sizeof *log);
+	int status = fail("out of memory");
+	if (log) {
+		reader r = {.path = path, .next = text};
+		log->platform = p;
+		status = read_log(&r, log);
+	}
+	free(text);
+	if (status == TK_OK) {
+		*out = log;
+	} else {
+		tk_log_free(log);
+	}
+	return status;
+}
+
+size_t tk_log_rows(const tk_log *log) {
+	return log->rows;
+}
+
+double tk_log_dt(const tk_log *log) {
+	return log->dt;
+}
+
+int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usable) {
+	const size_t n = log->platform->n_states, m = log->platform->n_inputs;
+	for (size_t k = 0; k < log->rows; k++) {
+		const double *row = log->values + k * width(log);
+		if (t) { t[k] = row[0]; }
+		if (x) { memcpy(x + k * n, row + 1, n * sizeof *x); }
+		if (u) { memcpy(u + k * m, row + 1 + n, m * sizeof *u); }
+		if (usable && k + 1 < log->rows) {
+			const double step = row[width(log)] - row[0];
+			usable[k] = log->seg[k] == log->seg[k + 1] && log->pose_ok[k] && log->pose_ok[k + 1] &&
+			            fabs(step - log->dt) < 0.5 * log->dt;
+		}
+	}
+	return TK_OK;
+}
+
+/* ---- Writing ----------------------------------------------------------------- */
+
+/* Into a file beside, renamed when whole: a half-written log is never taken for one. */
+int tk_log_write(const char *path, const char *platform_name, size_t rows, double dt, const double *x,
+                 const double *u) {
+	const platform *p = platform_by_name(platform_name);
+	if (!p) { return TK_ERROR; }
+	if (!path || !x || !u) { return fail("path, x and u must be given"); }
+	char *beside = malloc(strlen(path) + 6);
+	if (!beside) { return fail("out of memory"); }
+	sprintf(beside, "%s.part", path);
+	FILE *file = fopen(beside, "w");
+	int ok = file != NULL;
+	if (ok) {
+		const size_t columns = 1 + p->n_states + p->n_inputs;
+		for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i]); }
+		for (size_t k = 0; k < rows; k++) {
+			fprintf(file, "\n%.10g", (double)k * dt);
+			for (size_t i = 0; i < p->n_states; i++) { fprintf(file, ",%.17g", x[k * p->n_states + i]); }
+			for (size_t i = 0; i < p->n_inputs; i++) { fprintf(file, ",%.17g", u[k * p->n_inputs + i]); }
+		}
+		fprintf(file, "\n");
+		ok = !ferror(file);
+		ok = fclose(file) == 0 && ok;
+		ok = ok && rename(beside, path) == 0;
+		if (!ok) { remove(beside); }
+	}
+	free(beside);
+	return ok ? TK_OK : fail("%s: cannot be written; check folder, rights and free space", path);
+}

@@ -1,0 +1,140 @@
+/* The simulator and the replay, as the tools call them.
+ *
+ * One C interface for all host tools (Python calls it through ctypes). Arrays
+ * are row by row and double, whatever precision the estimator works in; any
+ * output array may be null. Calls return TK_OK or TK_ERROR; after an error
+ * tk_message() says what is wrong, where, and how to mend it.
+ */
+#ifndef TINYKOOP_SIM_H
+#define TINYKOOP_SIM_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define TK_API __attribute__((visibility("default")))
+#else
+#define TK_API
+#endif
+
+enum { TK_OK = 0, TK_ERROR = -1 };
+
+/* What the last failed call in this thread had to say, one line. */
+TK_API const char *tk_message(void);
+
+/* ---- Plant: the differential-drive robot ----------------------------------
+ *
+ * State x = [px (m), py (m), theta (rad)], input u = [v (m/s), omega (rad/s)].
+ * Nominal kinematics of the paper (section "Nominal Kinematics", Euler steps);
+ * unmodelled effects act on top, in the order of the table in effects.c.
+ */
+
+/* Where an effect acts, in the order in which a step passes through them. */
+enum { TK_ACTUATOR = 0, TK_PLANT = 1, TK_SENSOR = 2 };
+
+enum { TK_MAX_PARAMETERS = 6 };
+
+/* One effect acting on [t0, t1), s. The meaning of the parameters is told by
+ * tk_effect_parameter(). */
+typedef struct tk_active {
+	const char *effect;
+	double parameters[TK_MAX_PARAMETERS];
+	double t0, t1;
+} tk_active;
+
+TK_API size_t tk_effect_count(void);
+TK_API const char *tk_effect_name(size_t effect);
+TK_API int tk_effect_block(size_t effect);
+TK_API size_t tk_effect_parameters(size_t effect);
+/* Name, unit, bounds and a usual value; zero for all parameters is no effect. */
+TK_API int tk_effect_parameter(size_t effect, size_t parameter, const char **name, const char **unit,
+                               double *low, double *high, double *usual);
+
+/* The measured states x (steps + 1 rows of 3) under commands u (steps rows of
+ * 2) from the true state x0. */
+TK_API int tk_ddr_simulate(const tk_active *effects, size_t n_effects, double dt, size_t steps,
+                           const double *x0, const double *u, double *x);
+
+/* ---- Estimator: lib/ in either precision ---------------------------------- */
+
+typedef struct tk_settings {
+	const char *dictionary; /* poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav */
+	const char *regulator;  /* none, ef, dz_cs, dz_ks, ct, sift */
+	const char *form;       /* plain, sqrt, textbook */
+	int precision;          /* 32 or 64 */
+	int check;              /* KOOP_CHECK_... */
+	int n_inputs;
+	double lambda, p0, delta, tau0, eps_sift;
+} tk_settings;
+
+typedef struct tk_estimator tk_estimator;
+
+TK_API int tk_estimator_new(const tk_settings *settings, tk_estimator **estimator);
+TK_API void tk_estimator_free(tk_estimator *estimator);
+/* n states, N lifted states, m inputs */
+TK_API int tk_estimator_sizes(const tk_estimator *estimator, size_t *n, size_t *N, size_t *m);
+TK_API int tk_estimator_get_theta(const tk_estimator *estimator, double *theta);  /* N x (N+m) */
+TK_API int tk_estimator_set_theta(tk_estimator *estimator, const double *theta);  /* N x (N+m) */
+TK_API int tk_estimator_get_covariance(const tk_estimator *estimator, double *P); /* (N+m)^2 */
+TK_API int tk_estimator_reset_covariance(tk_estimator *estimator, double p0);
+/* The bytes that koopf_model_load() or koopd_model_load() takes; call with
+ * bytes = null for the size. */
+TK_API int tk_estimator_model(const tk_estimator *estimator, void *bytes, size_t *size);
+
+/* psi (rows of N) of x (rows of n), lifted in the estimator's precision. */
+TK_API int tk_lift(const tk_estimator *estimator, size_t rows, const double *x, double *psi);
+
+/* What a replay writes down, one row for each of the `steps` transitions. A
+ * transition that is not usable or was refused has NaN in error and innovation
+ * where there is none to give. */
+typedef struct tk_trace {
+	double *error;                    /* |x_next - predicted|, first n lifted states, before the update */
+	double *predicted;                /* n */
+	double *innovation;               /* norm over all lifted states */
+	int32_t *status;                  /* KOOP_OK or why the sample was refused; 1: not usable */
+	int32_t *gated;                   /* 1: P was left alone */
+	int32_t *positive_definite;       /* of P after the update, by a factorisation in double */
+	double *trace, *min_diagonal;     /* of P, as the estimator reports them */
+	double *norm_a, *norm_b, *norm_p; /* Frobenius */
+	/* Theta and P before every transition k with k % every == 0, from k = 0 */
+	size_t every;
+	double *theta;      /* (steps + every - 1) / every times N x (N+m) */
+	double *covariance; /* the same number of times (N+m)^2 */
+} tk_trace;
+
+/* Feeds x (steps + 1 rows of n) and u (steps rows of m) through the estimator.
+ * usable (steps values, may be null: all) tells which transitions may be
+ * learned from and scored. learn = 0 only predicts. */
+TK_API int tk_replay(tk_estimator *estimator, size_t steps, const double *x, const double *u,
+                     const int32_t *usable, int learn, const tk_trace *trace);
+
+/* The same recursion on regressors of one's own instead of a lifted log:
+ * zeta (steps rows of N+m) and target (steps rows of N), `repeats` times over.
+ * For soaks of millions of updates. */
+typedef struct tk_soak {
+	uint64_t updates; /* that were taken */
+	uint64_t refused;
+	int64_t lost_positive_definite_at; /* first update after which P is not; -1: never */
+	int64_t non_finite_at;             /* first that gave or would have given Inf or NaN; -1: never */
+} tk_soak;
+
+TK_API int tk_estimator_soak(tk_estimator *estimator, size_t steps, const double *zeta, const double *target,
+                             size_t repeats, tk_soak *result);
+
+/* ---- Logs: CSV, contract section 3 ------------------------------------------ */
+
+typedef struct tk_log tk_log;
+
+/* platform: ddr or fwmav. Refuses a bad file with file, line and column. */
+TK_API int tk_log_read(const char *path, const char *platform, tk_log **log);
+TK_API void tk_log_free(tk_log *log);
+TK_API size_t tk_log_rows(const tk_log *log);
+TK_API double tk_log_dt(const tk_log *log); /* s */
+/* rows x n, rows x m, rows, and for each transition k -> k + 1 whether it may be
+ * used (rows - 1 values): not across a change of seg, not on masked rows */
+TK_API int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usable);
+/* Writes t,px,py,theta,v,omega or the FWMAV columns; t = k dt. u has rows rows. */
+TK_API int tk_log_write(const char *path, const char *platform, size_t rows, double dt, const double *x,
+                        const double *u);
+
+#endif

@@ -1,0 +1,328 @@
+"""The simulator and the estimators of host_sim/, through its one C interface (ctypes).
+
+Arrays are float64 and row-major whatever precision the estimator works in. What the C side
+refuses is raised as UserError with its message.
+"""
+
+import ctypes as ct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import UserError
+
+_LIBRARY = Path(__file__).resolve().parents[2] / "build/host/host_sim/libtinykoop_sim.so"
+_MAX_PARAMETERS = 6
+
+CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
+
+_DOUBLES = ct.POINTER(ct.c_double)
+_INTS = ct.POINTER(ct.c_int32)
+
+
+class _Active(ct.Structure):
+    _fields_ = [
+        ("effect", ct.c_char_p),
+        ("parameters", ct.c_double * _MAX_PARAMETERS),
+        ("t0", ct.c_double),
+        ("t1", ct.c_double),
+    ]
+
+
+class _Settings(ct.Structure):
+    _fields_ = [
+        ("dictionary", ct.c_char_p),
+        ("regulator", ct.c_char_p),
+        ("form", ct.c_char_p),
+        ("precision", ct.c_int),
+        ("check", ct.c_int),
+        ("n_inputs", ct.c_int),
+        ("lam", ct.c_double),
+        ("p0", ct.c_double),
+        ("delta", ct.c_double),
+        ("tau0", ct.c_double),
+        ("eps_sift", ct.c_double),
+    ]
+
+
+class _Trace(ct.Structure):
+    _fields_ = [
+        ("error", _DOUBLES),
+        ("predicted", _DOUBLES),
+        ("innovation", _DOUBLES),
+        ("status", _INTS),
+        ("gated", _INTS),
+        ("positive_definite", _INTS),
+        ("trace", _DOUBLES),
+        ("min_diagonal", _DOUBLES),
+        ("norm_a", _DOUBLES),
+        ("norm_b", _DOUBLES),
+        ("norm_p", _DOUBLES),
+        ("every", ct.c_size_t),
+        ("theta", _DOUBLES),
+        ("covariance", _DOUBLES),
+    ]
+
+
+class _Soak(ct.Structure):
+    _fields_ = [
+        ("updates", ct.c_uint64),
+        ("refused", ct.c_uint64),
+        ("lost_positive_definite_at", ct.c_int64),
+        ("non_finite_at", ct.c_int64),
+    ]
+
+
+def _load():
+    if not _LIBRARY.exists():
+        raise UserError(f"{_LIBRARY.name} is not built: run `make build` first")
+    c = ct.CDLL(str(_LIBRARY))
+    for name in ("tk_message", "tk_effect_name"):
+        getattr(c, name).restype = ct.c_char_p
+    for name in ("tk_effect_count", "tk_effect_parameters", "tk_log_rows"):
+        getattr(c, name).restype = ct.c_size_t
+    c.tk_log_dt.restype = ct.c_double
+    return c
+
+
+_c = None
+
+
+def _call(name, *arguments):
+    global _c
+    if _c is None:
+        _c = _load()
+    return getattr(_c, name)(*arguments)
+
+
+def _check(name, *arguments):
+    if _call(name, *arguments) != 0:
+        raise UserError(_call("tk_message").decode())
+
+
+def _in(array, columns=None):
+    array = np.ascontiguousarray(array, dtype=np.float64)
+    if columns is not None and (array.ndim != 2 or array.shape[1] != columns):
+        raise ValueError(f"expected an array of {columns} columns, got shape {array.shape}")
+    return array
+
+
+def _doubles(array):
+    return None if array is None else array.ctypes.data_as(_DOUBLES)
+
+
+def _ints(array):
+    return None if array is None else array.ctypes.data_as(_INTS)
+
+
+# ---- plant -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An unmodelled effect acting on [t0, t1), s."""
+
+    name: str
+    parameters: tuple
+    t0: float = 0.0
+    t1: float = float("inf")
+
+
+def effects():
+    """{name: (block, [(parameter, unit, low, high, usual), ..])} of every effect, in the order of action."""
+    table = {}
+    for e in range(_call("tk_effect_count")):
+        rows = []
+        for p in range(_call("tk_effect_parameters", ct.c_size_t(e))):
+            name, unit = ct.c_char_p(), ct.c_char_p()
+            low, high, usual = ct.c_double(), ct.c_double(), ct.c_double()
+            _check(
+                "tk_effect_parameter", ct.c_size_t(e), ct.c_size_t(p), ct.byref(name), ct.byref(unit),
+                ct.byref(low), ct.byref(high), ct.byref(usual),
+            )  # fmt: skip
+            rows.append((name.value.decode(), unit.value.decode(), low.value, high.value, usual.value))
+        block = ("actuator", "plant", "sensor")[_call("tk_effect_block", ct.c_size_t(e))]
+        table[_call("tk_effect_name", ct.c_size_t(e)).decode()] = (block, rows)
+    return table
+
+
+def usual_effect(name, t0=0.0, t1=float("inf")):
+    """The effect with its usual parameters."""
+    return Effect(name, tuple(row[4] for row in effects()[name][1]), t0, t1)
+
+
+def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=()):
+    """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
+    u = _in(u, 2)
+    x0 = _in(x0)
+    x = np.empty((len(u) + 1, 3))
+    c_effects = (_Active * max(len(active), 1))()
+    for slot, effect in zip(c_effects, active):
+        slot.effect = effect.name.encode()
+        slot.parameters = (ct.c_double * _MAX_PARAMETERS)(*effect.parameters)
+        slot.t0, slot.t1 = effect.t0, effect.t1
+    _check(
+        "tk_ddr_simulate", c_effects, ct.c_size_t(len(active)), ct.c_double(dt), ct.c_size_t(len(u)),
+        _doubles(x0), _doubles(u), _doubles(x),
+    )  # fmt: skip
+    return x
+
+
+# ---- estimator -------------------------------------------------------------------------------
+
+
+class Estimator:
+    """lib/ in float32 or float64.
+
+    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav; regulator: none, ef, dz_cs, dz_ks, ct,
+    sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
+    check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
+    """
+
+    def __init__(self, dictionary, regulator, precision, *, form="plain", n_inputs=2, lam=0.98, p0=100.0,
+                 delta=0.01, tau0=0.0, eps_sift=0.0, check=CHECK_REPORT):  # fmt: skip
+        settings = _Settings(
+            dictionary.encode(), regulator.encode(), form.encode(), precision, check, n_inputs, lam, p0,
+            delta, tau0, eps_sift,
+        )  # fmt: skip
+        self._handle = ct.c_void_p()
+        _check("tk_estimator_new", ct.byref(settings), ct.byref(self._handle))
+        n, N, m = ct.c_size_t(), ct.c_size_t(), ct.c_size_t()
+        _check("tk_estimator_sizes", self._handle, ct.byref(n), ct.byref(N), ct.byref(m))
+        self.n, self.N, self.m = n.value, N.value, m.value
+        self.dtype = np.float32 if precision == 32 else np.float64
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            _call("tk_estimator_free", self._handle)
+
+    @property
+    def d(self):
+        """Number of regressors, N + m."""
+        return self.N + self.m
+
+    @property
+    def theta(self):
+        """Theta = [A B], (N, N+m)."""
+        theta = np.empty((self.N, self.d))
+        _check("tk_estimator_get_theta", self._handle, _doubles(theta))
+        return theta
+
+    @theta.setter
+    def theta(self, value):
+        value = _in(value, self.d)
+        _check("tk_estimator_set_theta", self._handle, _doubles(value))
+
+    @property
+    def covariance(self):
+        """P, (N+m, N+m)."""
+        P = np.empty((self.d, self.d))
+        _check("tk_estimator_get_covariance", self._handle, _doubles(P))
+        return P
+
+    def reset_covariance(self, p0):
+        """Starts P again as p0 I and keeps Theta."""
+        _check("tk_estimator_reset_covariance", self._handle, ct.c_double(p0))
+
+    def model(self):
+        """The bytes that koopf_model_load() or koopd_model_load() takes."""
+        size = ct.c_size_t()
+        _check("tk_estimator_model", self._handle, None, ct.byref(size))
+        buffer = ct.create_string_buffer(size.value)
+        _check("tk_estimator_model", self._handle, buffer, ct.byref(size))
+        return buffer.raw
+
+    def lift(self, x):
+        """Psi(x), (K, N), of states x (K, n), lifted in this precision."""
+        x = _in(x, self.n)
+        psi = np.empty((len(x), self.N))
+        _check("tk_lift", self._handle, ct.c_size_t(len(x)), _doubles(x), _doubles(psi))
+        return psi
+
+    def replay(self, x, u, usable=None, learn=True, every=0):
+        """Feeds states x (K+1, n) and inputs u (K, m) through the estimator; returns a dict of traces.
+
+        usable (K): which transitions may be learned from and scored. Traces have one row for each
+        transition: error, predicted (n), innovation, status, gated, positive_definite, trace,
+        min_diagonal, norm_a, norm_b, norm_p; with every > 0 also theta and covariance before
+        each transition k with k % every == 0.
+        """
+        x, u = _in(x, self.n), _in(u, self.m)
+        K = len(u)
+        if len(x) != K + 1:
+            raise ValueError(f"{len(x)} states do not go with {K} inputs")
+        out = {name: np.empty(K) for name in ("error", "innovation", "trace", "min_diagonal")}
+        out |= {name: np.empty(K) for name in ("norm_a", "norm_b", "norm_p")}
+        out |= {name: np.empty(K, np.int32) for name in ("status", "gated", "positive_definite")}
+        out["predicted"] = np.empty((K, self.n))
+        if every:
+            count = -(-K // every)
+            out["theta"] = np.empty((count, self.N, self.d))
+            out["covariance"] = np.empty((count, self.d, self.d))
+        c_trace = _Trace(every=every)
+        for name, array in out.items():
+            setattr(c_trace, name, _ints(array) if array.dtype == np.int32 else _doubles(array))
+        usable = None if usable is None else np.ascontiguousarray(usable, dtype=np.int32)
+        _check(
+            "tk_replay", self._handle, ct.c_size_t(K), _doubles(x), _doubles(u), _ints(usable),
+            ct.c_int(learn), ct.byref(c_trace),
+        )  # fmt: skip
+        return out
+
+    def soak(self, zeta, target, repeats):
+        """Learns from rows zeta (K, N+m) -> target (K, N), `repeats` times over; returns counts."""
+        zeta, target = _in(zeta, self.d), _in(target, self.N)
+        result = _Soak()
+        _check(
+            "tk_estimator_soak", self._handle, ct.c_size_t(len(zeta)), _doubles(zeta), _doubles(target),
+            ct.c_size_t(repeats), ct.byref(result),
+        )  # fmt: skip
+        at = {name: getattr(result, name) for name in ("lost_positive_definite_at", "non_finite_at")}
+        return {
+            "updates": result.updates,
+            "refused": result.refused,
+            **{name: value if value >= 0 else None for name, value in at.items()},
+        }
+
+
+# ---- logs ------------------------------------------------------------------------------------
+
+
+@dataclass
+class Log:
+    """A log as the contract has it. usable[k]: transition k -> k + 1 is neither masked nor across a gap."""
+
+    t: np.ndarray  # (K,) s
+    x: np.ndarray  # (K, n)
+    u: np.ndarray  # (K, m)
+    usable: np.ndarray  # (K - 1,) bool
+    dt: float  # s
+
+
+_PLATFORM_SIZES = {"ddr": (3, 2), "fwmav": (10, 1)}
+
+
+def read_log(path, platform="ddr"):
+    """Reads a CSV log; a bad one is refused with file, line and column."""
+    handle = ct.c_void_p()
+    _check("tk_log_read", str(path).encode(), platform.encode(), ct.byref(handle))
+    try:
+        K = _call("tk_log_rows", handle)
+        n, m = _PLATFORM_SIZES[platform]
+        t, x, u = np.empty(K), np.empty((K, n)), np.empty((K, m))
+        usable = np.empty(K - 1, np.int32)
+        _check("tk_log_get", handle, _doubles(t), _doubles(x), _doubles(u), _ints(usable))
+        return Log(t, x, u, usable.astype(bool), _call("tk_log_dt", handle))
+    finally:
+        _call("tk_log_free", handle)
+
+
+def write_log(path, x, u, dt, platform="ddr"):
+    """Writes states x (K, n) and inputs u (K, m), t = k dt."""
+    n, m = _PLATFORM_SIZES[platform]
+    x, u = _in(x, n), _in(u, m)
+    _check(
+        "tk_log_write", str(path).encode(), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),
+        _doubles(x), _doubles(u),
+    )  # fmt: skip

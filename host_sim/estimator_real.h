@@ -3,9 +3,10 @@
 
 /* ---- The textbook's form of P ----------------------------------------------
  *
- * P = (P - K (zeta' P)) / lambda in full storage, as in most tutorials and
- * libraries. P loses its symmetry to round-off and the recursion then diverges:
- * it is here to show that, and nothing guards it. */
+ * P = (P - K g') / lambda with g = P zeta, in full storage, as it is commonly
+ * written in C++ and NumPy. K[i] g[j] and K[j] g[i] differ by round-off, nothing
+ * in the recursion opposes that difference, and it grows as lambda^-k: the form
+ * is here to show what comes of it, and nothing guards it. */
 
 static size_t SIM(textbook_squares)(const KOOP(rls) *rls) {
 	return rls->config.regulator->needs_information ? 2 : 1;
@@ -25,7 +26,7 @@ static void SIM(textbook_reset)(KOOP(rls) *rls, REAL p0) {
 }
 
 /* y = M zeta; returns zeta' y */
-static REAL SIM(right)(const KOOP(rls) *rls, const REAL *M, REAL *y) {
+static REAL SIM(multiply)(const KOOP(rls) *rls, const REAL *M, REAL *y) {
 	REAL form = 0;
 	for (size_t i = 0; i < rls->n_regressors; i++) {
 		y[i] = 0;
@@ -35,16 +36,6 @@ static REAL SIM(right)(const KOOP(rls) *rls, const REAL *M, REAL *y) {
 		form += y[i] * rls->zeta[i];
 	}
 	return form;
-}
-
-/* y = zeta' M */
-static void SIM(left)(const KOOP(rls) *rls, const REAL *M, REAL *y) {
-	for (size_t j = 0; j < rls->n_regressors; j++) {
-		y[j] = 0;
-		for (size_t i = 0; i < rls->n_regressors; i++) {
-			y[j] += rls->zeta[i] * M[i * rls->n_regressors_padded + j];
-		}
-	}
 }
 
 /* M = (M + a x y') * scale */
@@ -58,27 +49,26 @@ static void SIM(outer)(const KOOP(rls) *rls, REAL *M, REAL a, const REAL *x, con
 }
 
 static REAL SIM(textbook_gain)(KOOP(rls) *rls) {
-	return SIM(right)(rls, rls->covariance, rls->gain);
+	return SIM(multiply)(rls, rls->covariance, rls->gain);
 }
 
 static REAL SIM(textbook_information)(KOOP(rls) *rls) {
-	return SIM(right)(rls, SIM(textbook_inverse)(rls), rls->work);
+	return SIM(multiply)(rls, SIM(textbook_inverse)(rls), rls->work);
 }
 
 static int SIM(textbook_apply)(KOOP(rls) *rls, const KOOP(step) *step, REAL denominator) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	REAL *P = rls->covariance, *left = rls->work + rows;
+	REAL *P = rls->covariance, *g = rls->work + rows;
 	(void)denominator;
 
 	if (rls->config.regulator->needs_information) {
 		REAL *R = SIM(textbook_inverse)(rls);
-		SIM(left)(rls, R, left);
-		SIM(outer)(rls, R, -step->inflate * rls->config.lambda, rls->work, left, 1);
+		SIM(outer)(rls, R, -step->inflate * rls->config.lambda, rls->work, rls->work, 1);
 		SIM(outer)(rls, R, 1, rls->zeta, rls->zeta, 1);
 		SIM(outer)(rls, P, step->inflate, rls->zeta, rls->zeta, 1);
 	}
-	SIM(left)(rls, P, left);
-	SIM(outer)(rls, P, -1, rls->gain, left, step->scale);
+	SIM(multiply)(rls, P, g);
+	SIM(outer)(rls, P, -1, rls->gain, g, step->scale);
 
 	REAL trace = 0, sum = 0;
 	for (size_t i = 0; i < d; i++) { trace += P[i * rows + i]; }

@@ -1,0 +1,246 @@
+"""One-step learning of the DDR: the paper's table "Learning Performance of a DDR"."""
+
+import numpy as np
+
+from . import plots, scenario
+from .results import number, output_folder, print_table, progress, write_json
+
+PRECISIONS = (64, 32)
+EVERY = scenario.ROLLOUT_STRIDE
+
+
+def row_of(method, precision, x, u):
+    """(row of learn.json, trace) of one method in one precision."""
+    estimator, trace = scenario.run(method, precision, x, u, every=EVERY)
+    online = method.regulator != "offline"
+    gates = method.regulator in ("dz_cs", "dz_ks")
+    rollout = scenario.rollout_errors(estimator, trace, x, u)
+    row = {
+        "dictionary": method.dictionary,
+        "regulator": method.regulator,
+        "precision": f"f{precision}",
+        "steps": len(u),
+        "mean_error": float(np.mean(trace["error"])),
+        "final_P_fro": float(trace["norm_p"][-1]) if online else None,
+        "final_A_fro": float(trace["norm_a"][-1]),
+        "skip_rate": float(np.mean(trace["gated"])) if gates else None,
+        "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online else None,
+        "non_finite_at": scenario.first(trace["status"] < 0),
+        "rollout_error": {str(h): float(rollout[h]) for h in (1, 10, 50)},
+    }
+    return row, trace
+
+
+def run(out):
+    """Writes learn.json and its plots into `out`; returns the rows."""
+    out = output_folder(out)
+    x, u = scenario.drive()
+    rows, traces = [], {}
+    jobs = [(method, precision) for precision in PRECISIONS for method in scenario.METHODS]
+    for method, precision in progress(jobs, "learning"):
+        row, trace = row_of(method, precision, x, u)
+        rows.append(row)
+        traces[method, precision] = trace
+    write_json(out / "learn.json", rows)
+    report(rows)
+    draw(out, x, traces, rows)
+    return rows
+
+
+def report(rows):
+    """The table beside the paper's, float64, with what float32 makes of it."""
+    narrow = {(r["dictionary"], r["regulator"]): r for r in rows if r["precision"] == "f32"}
+    lines = []
+    for row in (r for r in rows if r["precision"] == "f64"):
+        key = row["dictionary"], row["regulator"]
+        error, P, A, skip = scenario.PAPER[key]
+        ratio = narrow[key]["mean_error"] / row["mean_error"]
+        lost = [r["lost_positive_definite_at"] for r in (row, narrow[key])]
+        lines.append(
+            [
+                scenario.Method(*key).label,
+                f"{number(row['mean_error'])} ({number(error)})",
+                f"{number(row['final_P_fro'])} ({number(P)})",
+                f"{number(row['final_A_fro'])} ({number(A)})",
+                f"{100 * row['skip_rate']:.2f} ({100 * skip:.2f})" if skip else "",
+                f"{ratio:.3f}",
+                f"{number(lost[0])} / {number(lost[1])}",
+            ]
+        )
+    print_table(
+        "One-step learning of the DDR, 5,000 steps: float64, the paper in brackets",
+        ["method", "mean error", "final |P|", "final |A|", "skipped %", "error f32/f64", "P lost f64/f32"],
+        lines,
+        "Vanilla RBF: error and |A| are round-off; its |P| is the closed form 100 lambda^-5000 per idle direction.",
+    )
+
+
+# ---- plots -----------------------------------------------------------------------------------
+
+
+def draw(out, x, traces, rows):
+    """All plots of this experiment."""
+    t = np.arange(len(x) - 1) * scenario.DT
+    f64 = {method: trace for (method, precision), trace in traces.items() if precision == 64}
+    draw_paths(out, x, f64)
+    draw_error(out, t, f64)
+    draw_operator(out, t, f64)
+    draw_covariance(out, t, f64)
+    draw_rollout(out, rows)
+    draw_precision(out, rows)
+
+
+def _panels(title, share=True, **kwargs):
+    figure, axes = plots.plt.subplots(1, 2, figsize=(10, 3.8), sharex=share, sharey=share, **kwargs)
+    figure.suptitle(title, x=0.01, ha="left")
+    return figure, dict(zip(("poly", "rbf"), axes))
+
+
+def _phased(axes, name):
+    """Title above the names of the phases."""
+    axes.set_title(name, pad=16)
+    plots.mark_phases(axes)
+
+
+def draw_paths(out, x, traces):
+    """(a) of the paper's figure: true and predicted path, for one method that works and the one that fails."""
+    shown = [("rbf", "offline"), ("rbf", "ef"), ("rbf", "sift")]
+    figure, axes = plots.plt.subplots(len(shown), 1, figsize=(10, 5.5), sharex=True, sharey=True)
+    figure.suptitle("One-step predictions on the true path: offline RBF misses slip, vanilla jumps", x=0.01, ha="left")
+    for ax, key in zip(axes, shown):
+        method = scenario.Method(*key)
+        predicted = traces[method]["predicted"]
+        ax.plot(x[:, 0], x[:, 1], color="0.75", lw=3, label="true path")
+        ax.plot(predicted[:, 0], predicted[:, 1], color="k", lw=0.8, label="predicted one step ahead")
+        for k in np.arange(1, 5) * len(predicted) // 5:
+            ax.axvline(x[k, 0], color="0.5", lw=0.8, ls=(0, (2, 2)))
+        ax.set_title(f"{method.label}: mean error {np.mean(traces[method]['error']):.2g} m")
+        ax.set_ylabel("$p_y$ (m)")
+    axes[0].set_ylim(x[:, 1].min() - 1, x[:, 1].max() + 1)
+    axes[0].legend(loc="upper right", ncols=2)
+    axes[-1].set_xlabel("$p_x$ (m), dashed: the phase changes")
+    plots.save(figure, out / "learn_paths.png")
+
+
+def draw_error(out, t, traces):
+    """(b): one-step error over time."""
+    figure, axes = _panels("Learning online beats the offline model in every phase; vanilla RBF is the one that breaks")
+    for method, trace in traces.items():
+        for name in ("poly", "rbf") if method.regulator == "offline" else (method.dictionary,):
+            axes[name].semilogy(t, plots.smooth(trace["error"]), lw=1.2, label=method.label, **plots.STYLES[method.regulator])
+    for name, ax in axes.items():
+        _phased(ax, {"poly": "Poly", "rbf": "RBF"}[name])
+        ax.set_xlabel("time (s)")
+        ax.legend(ncols=2, loc="upper right")
+        ax.set_ylim(1e-4, 30)
+    axes["poly"].set_ylabel("one-step error, RMS over 2.5 s (m, rad)")
+    plots.save(figure, out / "learn_error.png")
+
+
+def draw_operator(out, t, traces):
+    """(c): norms of A (solid) and B (dotted)."""
+    figure, axes = plots.plt.subplots(2, 2, figsize=(10, 6), sharex=True)
+    figure.suptitle("Norms of the learned operator: Poly's grow with the path, RBF's stay, vanilla RBF's do not", x=0.01, ha="left")
+    columns = dict(zip(("poly", "rbf"), axes.T))
+    for method, trace in traces.items():
+        if method.regulator == "offline":
+            continue
+        for ax, norm in zip(columns[method.dictionary], ("norm_a", "norm_b")):
+            ax.semilogy(t, np.maximum(trace[norm], 1e-6), lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
+    for name, (top, bottom) in columns.items():
+        _phased(top, {"poly": "Poly", "rbf": "RBF"}[name])
+        plots.mark_phases(bottom, names=False)
+        top.legend(ncols=2)
+        bottom.set_xlabel("time (s)")
+        top.set_ylabel("$\\|A\\|_F$")
+        bottom.set_ylabel("$\\|B\\|_F$")
+    plots.save(figure, out / "learn_operator.png")
+
+
+def short_label(method):
+    """Short name within a panel of one dictionary."""
+    return scenario.LABELS[method.regulator]
+
+
+def spectrum(covariances):
+    """(largest eigenvalue, condition number over the positive ones) of each P, (count, d, d)."""
+    largest, condition = [], []
+    for P in covariances:
+        if not np.all(np.isfinite(P)):
+            largest.append(np.nan)
+            condition.append(np.nan)
+            continue
+        w = np.linalg.eigvalsh((P + P.T) / 2)
+        largest.append(w[-1])
+        condition.append(w[-1] / np.min(w[w > 0], initial=np.inf))
+    return np.array(largest), np.array(condition)
+
+
+def draw_covariance(out, t, traces):
+    """(d) and its spectrum: norm, largest eigenvalue and condition number of P."""
+    figure, axes = plots.plt.subplots(3, 2, figsize=(10, 8), sharex=True)
+    figure.suptitle("The adaptation matrix P: only regulation keeps it bounded once RBF goes idle", x=0.01, ha="left")
+    columns = dict(zip(("poly", "rbf"), axes.T))
+    for method, trace in traces.items():
+        if method.regulator == "offline":
+            continue
+        style = dict(lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
+        top, middle, bottom = columns[method.dictionary]
+        largest, condition = spectrum(trace["covariance"])
+        top.semilogy(t, trace["norm_p"], **style)
+        middle.semilogy(t[::EVERY], largest, **style)
+        bottom.semilogy(t[::EVERY], condition, **style)
+    for name, (top, middle, bottom) in columns.items():
+        _phased(top, {"poly": "Poly", "rbf": "RBF"}[name])
+        for ax, label in ((top, "$\\|P\\|_F$"), (middle, "$\\lambda_{max}(P)$"), (bottom, "condition number of $P$")):
+            ax.set_ylabel(label)
+        for ax in (middle, bottom):
+            plots.mark_phases(ax, names=False)
+        bottom.axhline(1 / np.finfo(np.float32).eps, color="k", lw=0.8)
+        bottom.annotate("1 / epsilon of float32", (t[-1], 1 / np.finfo(np.float32).eps), ha="right", va="bottom", fontsize=7)
+        bottom.set_xlabel("time (s)")
+        top.legend(ncols=2)
+    plots.save(figure, out / "learn_covariance.png")
+
+
+def draw_rollout(out, rows):
+    """What one-step error hides: error at 1, 10 and 50 steps."""
+    figure, axes = _panels("One-step ranking does not persist: DZ-CS is best at one step and worst RBF at 50")
+    for row in rows:
+        if row["precision"] != "f64":
+            continue
+        method = scenario.Method(row["dictionary"], row["regulator"])
+        values = [row["rollout_error"][h] for h in ("1", "10", "50")]
+        axes[method.dictionary].loglog(
+            [1, 10, 50], values, marker="o", ms=4, label=f"{short_label(method)}: {values[-1]:.3g} m", **plots.STYLES[method.regulator]
+        )
+    for name, ax in axes.items():
+        ax.set_title({"poly": "Poly", "rbf": "RBF"}[name])
+        ax.set_xlabel("prediction horizon (steps of 50 ms)")
+        ax.set_xticks([1, 10, 50], ["1", "10", "50"])
+        ax.legend(title="error at 50 steps", title_fontsize=8)
+        ax.set_ylim(5e-4, 10)
+    axes["poly"].set_ylabel("mean error of frozen-model rollouts (m, rad)")
+    plots.save(figure, out / "learn_rollout.png")
+
+
+def draw_precision(out, rows):
+    """float32 against float64, one bar for each method."""
+    f32 = [r for r in rows if r["precision"] == "f32"]
+    f64 = [r for r in rows if r["precision"] == "f64"]
+    labels = [scenario.Method(r["dictionary"], r["regulator"]).label for r in f64]
+    change = [100 * (a["mean_error"] / b["mean_error"] - 1) for a, b in zip(f32, f64)]
+    figure, ax = plots.plt.subplots(figsize=(8, 3.8))
+    ax.set_title("float32 costs a few percent of one-step error at most, except where float64 fails too")
+    for i, (row, value) in enumerate(zip(f64, change)):
+        shown = float(np.clip(value, -10, 10))
+        ax.barh(i, shown, color="0.75", edgecolor="k", hatch=plots.HATCHES[row["regulator"]])
+        side = "left" if shown >= 0 else "right"
+        ax.annotate(f" {value:+.2f} % ", (shown, i), ha=side, va="center", fontsize=8)
+    ax.axvspan(-3, 3, color="0.93", zorder=0)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.invert_yaxis()
+    ax.set_xlim(-14, 14)
+    ax.set_xlabel("mean error of float32 relative to float64 (%), band: 3 %, cut off at 10 %")
+    ax.grid(axis="y", visible=False)
+    plots.save(figure, out / "learn_precision.png")

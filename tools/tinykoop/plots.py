@@ -1,0 +1,71 @@
+"""One look for all plots: readable in greyscale, units on every axis, phases marked."""
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+from . import scenario  # noqa: E402
+from .errors import UserError  # noqa: E402
+
+plt.rcParams.update(
+    {
+        "figure.dpi": 130,
+        "figure.constrained_layout.use": True,
+        "font.size": 9,
+        "axes.titlesize": 10,
+        "axes.titlelocation": "left",
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "legend.frameon": False,
+        "legend.fontsize": 8,
+    }
+)
+
+# Colour and dash differ together, and the colours differ in lightness.
+STYLES = {
+    "offline": dict(color="#999999", ls="-"),
+    "none": dict(color="#bbbbbb", ls="-."),
+    "ef": dict(color="#d62728", ls="--"),
+    "dz_cs": dict(color="#08306b", ls="-"),
+    "dz_ks": dict(color="#4292c6", ls=(0, (3, 1))),
+    "ct": dict(color="#e6a000", ls="-."),
+    "sift": dict(color="#1b7837", ls=":"),
+}
+HATCHES = {"offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--"}
+
+
+def save(figure, path):
+    """Saves and closes the figure."""
+    path = Path(path)
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror}); check folder, rights and free space")
+    finally:
+        plt.close(figure)
+
+
+def mark_phases(axes, steps=scenario.STEPS, names=True):
+    """Vertical lines where the paper's five phases begin, in seconds."""
+    edges = np.arange(5) * steps // 5
+    for edge, name in zip(edges, scenario.PHASES):
+        if edge:
+            axes.axvline(edge * scenario.DT, color="0.5", lw=0.8, ls=(0, (2, 2)))
+        if names:
+            axes.annotate(
+                name, ((edge + steps / 10) * scenario.DT, 1), xycoords=("data", "axes fraction"), ha="center",
+                va="bottom", fontsize=7, color="0.35",
+            )  # fmt: skip
+
+
+def smooth(values, width=50):
+    """Running root mean square over `width` samples, for errors that swing with the commands."""
+    kernel = np.ones(width) / width
+    values = np.where(np.isfinite(values), values, 0)
+    return np.sqrt(np.maximum(np.convolve(values**2, kernel, mode="same"), 0))

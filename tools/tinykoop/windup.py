@@ -1,0 +1,265 @@
+"""The precision study: where float32, float64 and the forms of P part ways, and what that means.
+
+Three questions, one plot each:
+- at which step does a dictionary and regulator lose positive definiteness, stop being finite, or
+  leave the result of float64 in square-root form (windup_lanes.png);
+- how does |P| compare with the closed form P0 lambda^-k of a direction that is never excited
+  (windup_growth.png);
+- does a form survive two million well-excited updates (windup_soak.png).
+"""
+
+import numpy as np
+
+from . import plots, scenario, sim
+from .results import number, output_folder, print_table, progress, write_json
+
+FORMS = ("plain", "sqrt", "textbook")
+REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+PRECISIONS = (64, 32)
+
+# A prediction has left the reference when it differs by more than this: half of what the
+# one-step error of a working method is (m, rad).
+LEFT = 2.5e-3
+
+GROWTH_STEPS = 40_000  # float64 overflows after 34,900 steps of 0.98^-k from 100
+
+SOAK_UPDATES = 2_000_000
+
+
+def first_departure(trace, reference):
+    """First step whose prediction differs from the reference's by more than LEFT."""
+    apart = np.linalg.norm(trace["predicted"] - reference["predicted"], axis=1)
+    return scenario.first(~(apart <= LEFT))
+
+
+def study(x, u):
+    """Rows of windup.json for the paper's run, and the traces."""
+    rows, traces = [], {}
+    jobs = [
+        (dictionary, regulator, form, precision)
+        for dictionary in ("poly", "rbf")
+        for regulator in REGULATORS
+        for precision in PRECISIONS
+        for form in ("sqrt", "plain", "textbook")
+    ]
+    for job in progress(jobs, "precision and form"):
+        dictionary, regulator, form, precision = job
+        method = scenario.Method(dictionary, regulator)
+        _, trace = scenario.run(method, precision, x, u, form=form)
+        traces[job] = trace
+        reference = traces[dictionary, regulator, "sqrt", 64]
+        rows.append(
+            {
+                "dictionary": dictionary,
+                "regulator": regulator,
+                "precision": f"f{precision}",
+                "form": form,
+                "steps": len(u),
+                "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0),
+                "non_finite_at": scenario.first(trace["status"] < 0),
+                "left_float64_at": first_departure(trace, reference),
+                "final_P_fro": float(trace["norm_p"][-1]),
+                "mean_error": float(np.mean(trace["error"])),
+            }
+        )
+    return rows
+
+
+def growth():
+    """{(form, precision): |P|} over GROWTH_STEPS of vanilla RBF, and for each the first refusal."""
+    x, u = scenario.drive(GROWTH_STEPS)
+    curves = {}
+    jobs = [(form, precision) for form in FORMS for precision in PRECISIONS]
+    for form, precision in progress(jobs, "windup to overflow"):
+        _, trace = scenario.run(scenario.Method("rbf", "ef"), precision, x, u, form=form)
+        refused = scenario.first(trace["status"] < 0)
+        norm = trace["norm_p"].copy()
+        if refused is not None:
+            norm[refused:] = np.nan
+        curves[form, precision] = norm, refused
+    return curves
+
+
+def soak_data(steps=997, seed=1):
+    """Regressors (steps, 24), persistently exciting, and targets (steps, 22) of a known Theta."""
+    rng = np.random.default_rng(seed)
+    theta = rng.standard_normal((22, 24)).astype(np.float32).astype(float)
+    zeta = rng.standard_normal((steps, 24)).astype(np.float32).astype(float)
+    return theta, zeta, zeta @ theta.T
+
+
+def soak():
+    """Rows on 2,000,000 updates of exponential forgetting with persistent excitation."""
+    theta, zeta, target = soak_data()
+    rows = []
+    jobs = [(form, precision) for form in FORMS for precision in PRECISIONS]
+    for form, precision in progress(jobs, "soak, 2 million updates"):
+        # the textbook form is left to itself, ours refuse what would break them
+        check = sim.CHECK_REPORT if form == "textbook" else sim.CHECK_DIAGONAL
+        estimator = sim.Estimator("rbf_ddr", "ef", precision, form=form, check=check)
+        repeats = -(-SOAK_UPDATES // len(zeta))
+        result = estimator.soak(zeta, target, repeats)
+        error = float(np.linalg.norm(estimator.theta - theta) / np.linalg.norm(theta))
+        rows.append({"study": "soak", "precision": f"f{precision}", "form": form, **result, "theta_error": error})
+    return rows
+
+
+def run(out):
+    """Writes windup.json, windup_soak.json and the plots into `out`; returns the rows of windup.json."""
+    out = output_folder(out)
+    x, u = scenario.drive()
+    rows = study(x, u)
+    curves = growth()
+    soaks = soak()
+    write_json(out / "windup.json", rows)
+    write_json(out / "windup_soak.json", soaks)
+    report(rows, curves, soaks)
+    draw_lanes(out, rows)
+    draw_growth(out, curves)
+    draw_soak(out, soaks)
+    return rows
+
+
+def _event(row, name):
+    return "-" if row[name] is None else str(row[name])
+
+
+def report(rows, curves, soaks):
+    """The events of every run in which something happened, and the soak."""
+    eventful = [r for r in rows if any(r[k] is not None for k in EVENTS)]
+    print_table(
+        f"Precision and form over 5,000 steps: {len(rows) - len(eventful)} of {len(rows)} runs see no event, these do",
+        ["run", "P indefinite at", "non-finite at", "left float64 at", "mean error", "final |P|"],
+        [
+            [
+                f"{r['dictionary']} {r['regulator']}, {r['precision']} {r['form']}",
+                *[_event(r, k) for k in EVENTS],
+                number(r["mean_error"]),
+                number(r["final_P_fro"]),
+            ]
+            for r in eventful
+        ],
+        f"Left float64: a prediction more than {LEFT:g} from that of float64 in square-root form.",
+    )
+    print_table(
+        "Vanilla RBF: first step at which P does not fit",
+        ["form", "float32", "float64"],
+        [[form, number(curves[form, 32][1]), number(curves[form, 64][1])] for form in FORMS],
+        f"Closed form 100 * 0.98^-k: {overflow(np.float32)} and {overflow(np.float64)} steps; its root: "
+        f"{overflow(np.float32, 2)} and {overflow(np.float64, 2)}.",
+    )
+    print_table(
+        "Soak: 2,000,000 updates with persistent excitation, lambda 0.98, d = 24",
+        ["form", "P indefinite at", "non-finite at", "refused", "|Theta - true| / |true|"],
+        [
+            [f"{r['precision']} {r['form']}", _event(r, "lost_positive_definite_at"), _event(r, "non_finite_at"), r["refused"], number(r["theta_error"])]
+            for r in soaks
+        ],
+    )
+
+
+EVENTS = ("lost_positive_definite_at", "non_finite_at", "left_float64_at")
+
+
+def overflow(dtype, root=1):
+    """First k for which 100 * 0.98^-k, or its root, is beyond the range of dtype."""
+    return int(np.ceil((root * np.log(float(np.finfo(dtype).max)) - np.log(100)) / -np.log(0.98)))
+
+
+# ---- plots -----------------------------------------------------------------------------------
+
+
+def draw_lanes(out, rows):
+    """One lane for each run: how long it stayed sound."""
+    figure, axes = plots.plt.subplots(1, 2, figsize=(11, 7), sharey=True)
+    figure.suptitle(
+        "Only vanilla RBF breaks: float32 after 500 steps, float64 after 1,500, the square-root form not at all",
+        x=0.01, ha="left",
+    )  # fmt: skip
+    lanes = [(regulator, form, precision) for regulator in REGULATORS for precision in (32, 64) for form in FORMS]
+    for ax, dictionary in zip(axes, ("poly", "rbf")):
+        for i, (regulator, form, precision) in enumerate(lanes):
+            row = next(
+                r for r in rows
+                if (r["dictionary"], r["regulator"], r["form"], r["precision"]) == (dictionary, regulator, form, f"f{precision}")
+            )  # fmt: skip
+            y = i + REGULATORS.index(regulator)  # a gap after each regulator
+            end = row["steps"]
+            left, lost, non_finite = (row[k] for k in ("left_float64_at", "lost_positive_definite_at", "non_finite_at"))
+            ax.barh(y, end, color="0.9", height=0.8)
+            if left is not None:
+                ax.barh(y, end - left, left=left, color="0.65", height=0.8)
+            if lost is not None:
+                ax.barh(y, end - lost, left=lost, color="none", edgecolor="k", hatch="////", height=0.8, lw=0.6)
+            if non_finite is not None:
+                ax.barh(y, end - non_finite, left=non_finite, color="k", height=0.8)
+        ax.set_title({"poly": "Poly", "rbf": "RBF"}[dictionary])
+        ax.set_xlabel("step (of 50 ms)")
+        ax.set_xlim(0, 5000)
+        ax.grid(axis="y", visible=False)
+    places = [i + REGULATORS.index(lane[0]) for i, lane in enumerate(lanes)]
+    axes[0].set_yticks(places, [f"{form} f{precision}" for _, form, precision in lanes], fontsize=7)
+    for g, regulator in enumerate(REGULATORS):
+        axes[1].annotate(
+            scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9
+        )
+    axes[0].invert_yaxis()
+    patch = plots.matplotlib.patches.Patch
+    keys = [
+        patch(facecolor="0.9", label="sound"),
+        patch(facecolor="0.65", label=f"prediction > {1000 * LEFT:g} mm from float64"),
+        patch(facecolor="w", edgecolor="k", hatch="////", label="P not positive definite"),
+        patch(facecolor="k", label="P would not be finite: refused"),
+    ]
+    figure.legend(handles=keys, loc="outside lower center", ncols=4)
+    plots.save(figure, out / "windup_lanes.png")
+
+
+def draw_growth(out, curves):
+    """|P| of vanilla RBF against the closed form and the ranges of the formats."""
+    figure, ax = plots.plt.subplots(figsize=(9, 4.5))
+    ax.set_title("Windup of vanilla RBF follows $P_0\\,\\lambda^{-k}$ until the number format ends")
+    k = np.arange(GROWTH_STEPS)
+    closed = 2 - k * np.log10(0.98)
+    ax.plot(k, closed, color="0.8", lw=6, label="closed form $100 \\cdot 0.98^{-k}$")
+    styles = {
+        ("plain", 32): dict(color="#d62728", ls="-"), ("textbook", 32): dict(color="#e6a000", ls="--"),
+        ("sqrt", 32): dict(color="#1b7837", ls=":", lw=2.2), ("plain", 64): dict(color="#08306b", ls="-"),
+        ("textbook", 64): dict(color="#4292c6", ls="--"), ("sqrt", 64): dict(color="k", ls=":", lw=2.2),
+    }  # fmt: skip
+    for (form, precision), (norm, refused) in curves.items():
+        with np.errstate(divide="ignore", invalid="ignore"):
+            y = np.log10(norm)
+        ax.plot(k, y, label=f"{form} f{precision}", **styles[form, precision])
+        last = scenario.first(~np.isfinite(y))
+        if last:
+            ax.plot(last - 1, y[last - 1], "k|", ms=14, mew=2)
+    for limit, name in ((38.5, "largest float32"), (77, "its square: range of the root form"), (308.3, "largest float64")):
+        ax.axhline(limit, color="k", lw=0.7, ls=(0, (4, 3)))
+        ax.annotate(name, (GROWTH_STEPS, limit), ha="right", va="bottom", fontsize=8)
+    ax.set_xlabel("step (of 50 ms); bars mark where samples start to be refused")
+    ax.set_ylabel("$\\log_{10} \\|P\\|_F$")
+    ax.set_ylim(0, 360)
+    ax.legend(loc="upper left")
+    plots.save(figure, out / "windup_growth.png")
+
+
+def draw_soak(out, rows):
+    """Error of Theta after the soak."""
+    figure, ax = plots.plt.subplots(figsize=(8, 3.6))
+    ax.set_title("After two million well-excited updates ours is at round-off, the textbook form long gone")
+    ceiling = 1e2
+    for i, row in enumerate(rows):
+        failed = row["non_finite_at"] is not None
+        value = ceiling if failed or not np.isfinite(row["theta_error"]) else row["theta_error"]
+        ax.barh(i, value, left=1e-18, color={"f32": "0.8", "f64": "0.5"}[row["precision"]], edgecolor="k", hatch="xx" if failed else "")
+        text = f" not finite from update {row['non_finite_at']:,} " if failed else f" {row['theta_error']:.1e}"
+        ax.annotate(text, (min(value, 1e-3), i), va="center", ha="right" if failed else "left",
+                    bbox=dict(fc="w", ec="none", pad=1) if failed else None, fontsize=8)  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_xlim(1e-17, ceiling)
+    ax.set_yticks(range(len(rows)), [f"{r['form']} {r['precision']}" for r in rows])
+    ax.invert_yaxis()
+    ax.grid(axis="y", visible=False)
+    ax.set_xlabel("relative error of the learned $\\Theta$")
+    plots.save(figure, out / "windup_soak.png")

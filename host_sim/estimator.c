@@ -115,3 +115,8 @@ int tk_estimator_soak(tk_estimator *e, size_t steps, const double *zeta, const d
 	return e->f32 ? f32_soak(e->f32, steps, zeta, target, repeats, result)
 	              : f64_soak(e->f64, steps, zeta, target, repeats, result);
 }
+
+int tk_threshold(double *scores, size_t count, double eta, double *delta) {
+	const int status = koopd_threshold(scores, count, eta, delta);
+	return status == KOOP_OK ? TK_OK : fail("threshold: %s", koopd_status_message(status));
+}

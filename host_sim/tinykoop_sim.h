@@ -121,6 +121,9 @@ typedef struct tk_soak {
 TK_API int tk_estimator_soak(tk_estimator *estimator, size_t steps, const double *zeta, const double *target,
                              size_t repeats, tk_soak *result);
 
+/* The library's dead-zone threshold, in double: the eta-quantile of `scores`, which get sorted. */
+TK_API int tk_threshold(double *scores, size_t count, double eta, double *delta);
+
 /* ---- Logs: CSV, contract section 3 ------------------------------------------ */
 
 typedef struct tk_log tk_log;

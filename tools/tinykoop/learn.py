@@ -212,7 +212,7 @@ def draw_rollout(out, rows):
         method = scenario.Method(row["dictionary"], row["regulator"])
         values = [row["rollout_error"][h] for h in ("1", "10", "50")]
         axes[method.dictionary].loglog(
-            [1, 10, 50], values, marker="o", ms=4, label=f"{short_label(method)}: {values[-1]:.3g} m", **plots.STYLES[method.regulator]
+            [1, 10, 50], values, marker="o", ms=4, label=f"{short_label(method)}: {number(values[-1])} m", **plots.STYLES[method.regulator]
         )
     for name, ax in axes.items():
         ax.set_title({"poly": "Poly", "rbf": "RBF"}[name])

@@ -286,6 +286,14 @@ class Estimator:
         }
 
 
+def threshold(scores, eta=0.75):
+    """Dead-zone threshold calibrated on innovations of a source run: their eta-quantile (paper, remark)."""
+    scores = np.array(scores, dtype=np.float64)
+    delta = ct.c_double()
+    _check("tk_threshold", _doubles(scores), ct.c_size_t(len(scores)), ct.c_double(eta), ct.byref(delta))
+    return delta.value
+
+
 # ---- logs ------------------------------------------------------------------------------------
 
 

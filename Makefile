@@ -1,0 +1,62 @@
+# The front door: a thin layer over CMake and the Python tools. `make` lists the targets.
+# All results go to build/out/.
+
+PYTHON ?= python3
+BUILD := build
+VENV := $(BUILD)/venv
+TINYKOOP := $(VENV)/bin/tinykoop
+JOBS := $(shell nproc 2>/dev/null || echo 2)
+
+.PHONY: help system build c-tests demo test learn ablate windup bench clean
+
+help: ## list the targets
+	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+# What the system must have; says how to get what is missing.
+system:
+	@missing=; for tool in gcc cmake $(PYTHON); do \
+		command -v $$tool >/dev/null || missing="$$missing $$tool"; done; \
+	if [ -n "$$missing" ]; then \
+		echo "Missing:$$missing. On Debian: sudo apt-get install gcc cmake make python3 python3-venv" >&2; exit 2; fi
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+		echo "Missing: python3-venv. On Debian: sudo apt-get install python3-venv" >&2; exit 2; }
+
+$(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
+	@echo "Python environment ..."
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV)
+	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements.txt
+	@$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e tools
+	@touch $@
+
+build: $(VENV)/ready ## everything for the host: libraries, simulator, Python environment with the tinykoop command
+	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
+	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
+
+demo: build ## the main job: eleven methods learn the DDR, precision study, real logs (LOG=x.csv for yours)
+	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)")
+
+test: build c-tests ## every test that needs no cross toolchain
+	@ctest --test-dir $(BUILD)/test --output-on-failure -j $(JOBS)
+	@$(VENV)/bin/python -m pytest -q test/python
+
+c-tests: system
+	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF
+	@cmake --build $(BUILD)/test -j $(JOBS)
+
+learn: build ## DDR one-step learning, the paper's table: learn.json
+	@$(TINYKOOP) learn
+
+ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
+	@$(TINYKOOP) ablate
+
+windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
+	@$(TINYKOOP) windup
+
+bench: build ## the update against Eigen, NumPy and padasip: bench.json
+	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
+	@cmake --build $(BUILD)/bench -j $(JOBS)
+	@$(TINYKOOP) bench
+
+clean: ## removes build/
+	@rm -rf $(BUILD)

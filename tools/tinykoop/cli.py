@@ -1,0 +1,83 @@
+"""The command `tinykoop`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from .errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+OUT = ROOT / "build/out"
+
+
+def parser():
+    """Arguments of all subcommands. Modules are imported on use: matplotlib takes a second."""
+    main = argparse.ArgumentParser(prog="tinykoop", description="Recursive Koopman learning on the host.")
+    commands = main.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name, summary):
+        command = commands.add_parser(name, help=summary, description=summary)
+        command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
+        return command
+
+    demo = add("demo", "everything: learning, ablations, precision study, replay of real logs")
+    demo.add_argument("--log", help="replay this log instead of those in --data")
+    demo.add_argument("--data", default=ROOT.parent / "shared/data", help="folder of real logs")
+    add("learn", "one-step learning of the DDR, the paper's table")
+    add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
+    add("windup", "float32 against float64 for every dictionary, regulator and form")
+    add("bench", "the update against peers, side by side")
+
+    play = add("replay", "a log through the eleven methods, both precisions and forms")
+    play.add_argument("log")
+    play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+
+    fit = commands.add_parser("fit", help="offline model of a log, as a C header or binary for firmware")
+    fit.add_argument("log")
+    fit.add_argument("model", help="file to write, .h or .bin")
+    fit.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    fit.add_argument("--dictionary", choices=("poly", "rbf"), default="rbf")
+    fit.add_argument("--precision", type=int, choices=(32, 64), default=32)
+    fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation (default 1e4)")
+    return main
+
+
+def dispatch(a):
+    """Runs one subcommand."""
+    if a.command == "demo":
+        from . import demo
+
+        demo.run(a.out, a.data, a.log)
+    elif a.command == "replay":
+        from . import replay
+
+        replay.run_log(a.log, a.out, a.platform)
+    elif a.command == "fit":
+        from . import fit
+
+        fit.run(a.log, a.model, a.dictionary, a.precision, a.platform, a.p0)
+    elif a.command == "bench":
+        from . import bench
+
+        bench.run(a.out, ROOT / "build/bench")
+    else:
+        from importlib import import_module
+
+        import_module(f"tinykoop.{a.command}").run(a.out)
+
+
+def main():
+    """Exit status 2 and one line on standard error for what the user can mend."""
+    arguments = parser().parse_args()
+    try:
+        dispatch(arguments)
+    except UserError as error:
+        print(f"tinykoop: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

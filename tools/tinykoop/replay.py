@@ -1,0 +1,202 @@
+"""Replay of a real log through the eleven methods, in both precisions and forms of the covariance.
+
+The first 20 % of the log fits the offline model, the next 20 % calibrates the dead-zone threshold
+(paper, remark "Dead-Zone Threshold Selection"), the rest is learned online and scored one step ahead.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from . import plots, scenario, sim
+from .errors import UserError
+from .results import number, output_folder, print_table, progress, write_json
+
+FIT, CALIBRATE = 0.2, 0.2  # shares of the log
+ETA = 0.75
+LAMBDA = {"ddr": 0.98, "fwmav": 0.995}  # paper, section "Comparison Protocol"
+ANGLES = {"ddr": [2], "fwmav": [6, 7, 8]}  # states that wrap
+MIN_USABLE = 100
+
+# (form, bits): the reference, then what firmware can choose from
+VARIANTS = (("sqrt", 64), ("plain", 32), ("sqrt", 32))
+
+NOTHING = "state stays"
+NOMINAL = "unicycle"
+
+
+def detect_platform(path):
+    """ddr or fwmav, by the names in the header; other files are left to the reader to refuse."""
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return "fwmav" if "gx" in file.readline() else "ddr"
+    except OSError as error:
+        raise UserError(f"{path}: cannot be opened ({error.strerror}); check the path")
+
+
+def load(path, platform=None):
+    """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
+    platform = platform or detect_platform(path)
+    log = sim.read_log(path, platform)
+    for column in ANGLES[platform]:
+        angle = log.x[:, column]
+        known = np.isfinite(angle)
+        angle[known] = np.unwrap(angle[known])
+    if log.usable.sum() < MIN_USABLE:
+        raise UserError(
+            f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok"
+        )
+    return log, platform
+
+
+def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0, usable=None):
+    """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge."""
+    estimator = sim.Estimator(
+        f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0
+    )
+    estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable)
+    return estimator
+
+
+def baselines(log, platform):
+    """{name: one-step error (K,)} of models that learn nothing."""
+    rows = {NOTHING: log.x[:-1]}
+    if platform == "ddr":
+        v, omega, theta = log.u[:-1, 0], log.u[:-1, 1], log.x[:-1, 2]
+        rows[NOMINAL] = log.x[:-1] + log.dt * np.stack([v * np.cos(theta), v * np.sin(theta), omega], axis=1)
+    return {name: np.linalg.norm(log.x[1:] - predicted, axis=1) for name, predicted in rows.items()}
+
+
+def run_log(path, out, platform=None):
+    """Writes replay_STEM.json and its plot into `out`; returns the rows."""
+    out = output_folder(out)
+    log, platform = load(path, platform)
+    K = len(log.usable)
+    index = np.arange(K)
+    fit = log.usable & (index < FIT * K)
+    calibrate = log.usable & (index >= FIT * K) & (index < (FIT + CALIBRATE) * K)
+    scored = log.usable & (index >= (FIT + CALIBRATE) * K)
+    if min(fit.sum(), calibrate.sum(), scored.sum()) < 10:
+        raise UserError(f"{path}: a fifth of the log has fewer than 10 usable steps; it is too short or too broken up")
+
+    offline, delta = {}, {}
+    for dictionary in ("poly", "rbf"):
+        estimator = offline_fit(log, platform, dictionary, usable=fit)
+        offline[dictionary] = estimator.theta
+        psi = estimator.lift(np.where(np.isfinite(log.x), log.x, 0))
+        predicted = np.concatenate([psi[:-1], log.u[:-1]], axis=1) @ estimator.theta.T
+        delta[dictionary] = sim.threshold(np.linalg.norm(psi[1:] - predicted, axis=1)[calibrate], ETA)
+
+    rows, errors = [], {}
+    for name, error in baselines(log, platform).items():
+        errors[name] = np.where(scored, error, np.nan)
+        rows.append({"source": Path(path).stem, "method": name, "mean_error": float(error[scored].mean())})
+    jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS]
+    for method, form, precision in progress(jobs, Path(path).stem):
+        online = method.regulator != "offline"
+        estimator = sim.Estimator(
+            f"{method.dictionary}_{platform}", method.regulator if online else "none", precision, form=form,
+            n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary],
+        )  # fmt: skip
+        estimator.theta = offline[method.dictionary]
+        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online)
+        errors[method, form, precision] = trace["error"]
+        gates = method.regulator in ("dz_cs", "dz_ks")
+        rows.append(
+            {
+                "source": Path(path).stem,
+                "method": method.label,
+                "dictionary": method.dictionary,
+                "regulator": method.regulator,
+                "precision": f"f{precision}",
+                "form": form,
+                "steps": int(scored.sum()),
+                "mean_error": float(np.nanmean(trace["error"])),
+                "final_P_fro": float(trace["norm_p"][-1]) if online else None,
+                "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
+                "delta": delta[method.dictionary] if gates else None,
+                "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online else None,
+                "refused": int((trace["status"] < 0).sum()),
+            }
+        )
+    write_json(out / f"replay_{Path(path).stem}.json", rows)
+    report(rows, log, scored)
+    draw(out, rows, errors, log, scored)
+    return rows
+
+
+def by_method(rows):
+    """[(name, {(form, bits): row})] in the order of the rows; a baseline has the key None."""
+    table = {}
+    for row in rows:
+        key = (row["form"], int(row["precision"][1:])) if "form" in row else None
+        table.setdefault(row["method"], {})[key] = row
+    return list(table.items())
+
+
+DIVERGED = 1.1  # float32 is said to diverge when its error is above that of float64 by more than this
+
+
+def report(rows, log, scored):
+    """Error of the reference, and what float32 makes of it in either form."""
+    lines = []
+    for name, variants in by_method(rows):
+        reference = variants.get(VARIANTS[0]) or variants[None]
+        plain, root = (variants.get(key, {}) for key in VARIANTS[1:])
+        ratios = [f"{v['mean_error'] / reference['mean_error']:.4g}" if v else "" for v in (plain, root)]
+        skip = reference.get("skip_rate")
+        lines.append(
+            [
+                name,
+                number(reference["mean_error"]),
+                *ratios,
+                number(plain.get("lost_positive_definite_at")) if plain else "",
+                f"{plain['refused']} / {root['refused']}" if plain else "",
+                f"{100 * skip:.1f}" if skip is not None else "",
+                number(reference.get("final_P_fro")) if plain else "",
+            ]
+        )
+    print_table(
+        f"Replay of {rows[0]['source']}: {len(log.t):,} rows at {1 / log.dt:.0f} Hz, {int(scored.sum()):,} steps scored",
+        ["method", "error f64", "f32 plain/f64", "f32 sqrt/f64", "P lost, plain", "refused", "gated %", "final |P|"],
+        lines,
+    )
+
+
+def draw(out, rows, errors, log, scored):
+    """Error over time of a few, mean error of all in float64 and float32."""
+    table = by_method(rows)
+    pairs = [(v[VARIANTS[0]], v[VARIANTS[1]]) for _, v in table if VARIANTS[0] in v]
+    diverged = sum(not plain["mean_error"] <= DIVERGED * reference["mean_error"] for reference, plain in pairs)
+    best = min((reference for reference, _ in pairs), key=lambda r: r["mean_error"])
+    figure, (left, right) = plots.plt.subplots(1, 2, figsize=(11, 4.4), width_ratios=[3, 2])
+    figure.suptitle(
+        f"{rows[0]['source']}: {best['method']} predicts best; plain float32 diverges in {diverged} of {len(pairs)} methods",
+        x=0.01, ha="left",
+    )  # fmt: skip
+    t = log.t[:-1][scored]
+    for method in (m for m in scenario.METHODS if m.dictionary == "rbf" and m.regulator in ("offline", "ef", "dz_cs", "sift")):
+        error = errors[method, *VARIANTS[0]][scored]
+        left.semilogy(t, plots.smooth(error, 200), lw=1.2, label=method.label, **plots.STYLES[method.regulator])
+    reference = NOMINAL if NOMINAL in errors else NOTHING
+    left.semilogy(t, plots.smooth(errors[reference][scored], 200), color="k", lw=0.8, label=reference)
+    left.set_xlabel("time (s)")
+    left.set_ylabel("one-step error, RMS over 200 samples (state units)")
+    left.legend(ncols=2)
+    limit = 20 * max(v.get(None, v.get(VARIANTS[0]))["mean_error"] for _, v in table)
+    for i, (_, variants) in enumerate(table):
+        row = variants.get(None) or variants[VARIANTS[0]]
+        right.barh(i, row["mean_error"], color="0.85", edgecolor="k", hatch=plots.HATCHES.get(row.get("regulator"), ""))
+        for key, marker in zip(VARIANTS[1:], ("x", "o")):
+            if key in variants:
+                value = min(variants[key]["mean_error"], limit)
+                right.plot(value, i, marker, color="#d62728" if marker == "x" else "k", ms=6, mfc="none", mew=1.5)
+    right.plot([], [], "x", color="#d62728", mew=1.5, label="float32, plain (at the right edge: beyond)")
+    right.plot([], [], "o", color="k", mfc="none", mew=1.5, label="float32, square root")
+    right.set_yticks(range(len(table)), [name for name, _ in table])
+    right.invert_yaxis()
+    right.set_xscale("log")
+    right.set_xlabel("mean one-step error (state units), bars: float64")
+    right.grid(axis="y", visible=False)
+    right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14))
+    plots.save(figure, out / f"replay_{rows[0]['source']}.png")

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from . import learn, plots, scenario
+from . import plots, scenario
 from .results import number, output_folder, print_table, progress, write_json
 
 DELTAS = (0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1)
@@ -45,7 +45,7 @@ def trace_settings(x, u):
         estimator, trace = scenario.run(
             scenario.Method(dictionary, "ct"), 64, x, u, lam=lam, p0=p0, tau0=multiple * p0 * d
         )
-        _, condition = learn.spectrum([estimator.covariance])
+        _, condition = scenario.spectrum([estimator.covariance])
         rows.append(
             {
                 "study": "ct",

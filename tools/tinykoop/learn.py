@@ -86,7 +86,6 @@ def draw(out, x, traces, rows):
     draw_error(out, t, f64)
     draw_operator(out, t, f64)
     draw_covariance(out, t, f64)
-    draw_rollout(out, rows)
     draw_precision(out, rows)
 
 
@@ -162,20 +161,6 @@ def short_label(method):
     return scenario.LABELS[method.regulator]
 
 
-def spectrum(covariances):
-    """(largest eigenvalue, condition number over the positive ones) of each P, (count, d, d)."""
-    largest, condition = [], []
-    for P in covariances:
-        if not np.all(np.isfinite(P)):
-            largest.append(np.nan)
-            condition.append(np.nan)
-            continue
-        w = np.linalg.eigvalsh((P + P.T) / 2)
-        largest.append(w[-1])
-        condition.append(w[-1] / np.min(w[w > 0], initial=np.inf))
-    return np.array(largest), np.array(condition)
-
-
 def draw_covariance(out, t, traces):
     """(d) and its spectrum: norm, largest eigenvalue and condition number of P."""
     figure, axes = plots.plt.subplots(3, 2, figsize=(10, 8), sharex=True)
@@ -186,7 +171,7 @@ def draw_covariance(out, t, traces):
             continue
         style = dict(lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
         top, middle, bottom = columns[method.dictionary]
-        largest, condition = spectrum(trace["covariance"])
+        largest, condition = scenario.spectrum(trace["covariance"])
         top.semilogy(t, trace["norm_p"], **style)
         middle.semilogy(t[::EVERY], largest, **style)
         bottom.semilogy(t[::EVERY], condition, **style)
@@ -201,27 +186,6 @@ def draw_covariance(out, t, traces):
         bottom.set_xlabel("time (s)")
         top.legend(ncols=2)
     plots.save(figure, out / "learn_covariance.png")
-
-
-def draw_rollout(out, rows):
-    """What one-step error hides: error at 1, 10 and 50 steps."""
-    figure, axes = _panels("One-step ranking does not persist: DZ-CS is best at one step and worst RBF at 50")
-    for row in rows:
-        if row["precision"] != "f64":
-            continue
-        method = scenario.Method(row["dictionary"], row["regulator"])
-        values = [row["rollout_error"][h] for h in ("1", "10", "50")]
-        axes[method.dictionary].loglog(
-            [1, 10, 50], values, marker="o", ms=4, label=f"{short_label(method)}: {number(values[-1])} m", **plots.STYLES[method.regulator]
-        )
-    for name, ax in axes.items():
-        ax.set_title({"poly": "Poly", "rbf": "RBF"}[name])
-        ax.set_xlabel("prediction horizon (steps of 50 ms)")
-        ax.set_xticks([1, 10, 50], ["1", "10", "50"])
-        ax.legend(title="error at 50 steps", title_fontsize=8)
-        ax.set_ylim(5e-4, 10)
-    axes["poly"].set_ylabel("mean error of frozen-model rollouts (m, rad)")
-    plots.save(figure, out / "learn_rollout.png")
 
 
 def draw_precision(out, rows):

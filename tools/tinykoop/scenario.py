@@ -129,6 +129,20 @@ def rollout_errors(estimator, trace, x, u):
     return dict(zip(HORIZONS, np.mean(errors, axis=0)))
 
 
+def spectrum(covariances):
+    """(largest eigenvalue, condition number over the positive ones) of each P, (count, d, d)."""
+    largest, condition = [], []
+    for P in covariances:
+        if not np.all(np.isfinite(P)):
+            largest.append(np.nan)
+            condition.append(np.nan)
+            continue
+        w = np.linalg.eigvalsh((P + P.T) / 2)
+        largest.append(w[-1])
+        condition.append(w[-1] / np.min(w[w > 0], initial=np.inf))
+    return np.array(largest), np.array(condition)
+
+
 def first(condition):
     """Index of the first true element, None if there is none."""
     hits = np.flatnonzero(condition)

@@ -157,7 +157,9 @@ int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storag
  * `health` may be null. Policy: a sample that is not finite, whose result would
  * not be finite, or that would cost P its positive definiteness is refused,
  * and Theta and P stay as they were. When KOOP_E_INDEFINITE or
- * KOOP_E_OVERFLOW keeps coming back, rls_reset_covariance() is the way on. */
+ * KOOP_E_OVERFLOW keeps coming back, rls_reset_covariance() is the way on; it
+ * keeps Theta, so where a huge but finite sample has spoilt that, load a model
+ * as well. Gate outliers before they come here. */
 int KOOP(rls_update)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, const KOOP_REAL *psi_next,
                      KOOP(health) *health);
 
@@ -171,7 +173,7 @@ int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
 int KOOP(rls_get_theta)(const KOOP(rls) *rls, KOOP_REAL *theta);
 int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
-/* P as d rows of d. */
+/* P as d rows of d. KOOP_E_OVERFLOW where only its root fits this precision. */
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
 
 /* ---- Dead-zone threshold --------------------------------------------------- */

@@ -55,8 +55,8 @@ typedef struct KOOP(change) {
 } KOOP(change);
 
 static real changed(const KOOP(change) *c, const real *M, size_t i, size_t j, size_t rows) {
-	const real down = M[i * rows + j] + c->sign * c->v[i] * c->v[j];
-	return (c->up ? down + c->up[i] * c->up[j] : down) * c->scale;
+	const real up = c->up ? M[i * rows + j] + c->up[i] * c->up[j] : M[i * rows + j];
+	return (up + c->sign * c->v[i] * c->v[j]) * c->scale;
 }
 
 static void change_rows(const KOOP(change) *c, real *restrict M, size_t count, size_t rows) {
@@ -74,11 +74,12 @@ static void change_rows(const KOOP(change) *c, real *restrict M, size_t count, s
 	}
 }
 
-/* Cholesky factor of what P would become. A pivot below d epsilon times its
- * diagonal element is indistinguishable from zero in this precision. */
+/* Cholesky factor of what P would become, with the diagonal lowered by d epsilon
+ * of itself: what is definite by less is not told from round-off, neither that
+ * of P nor that of the factorisation. */
 static int stays_positive_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	const real least = (real)d * REAL_EPSILON;
+	const real kept = 1 - (real)d * REAL_EPSILON;
 	real *factor = plain_factor(rls);
 	for (size_t i = 0; i < d; i++) {
 		real *row = factor + i * rows;
@@ -87,8 +88,8 @@ static int stays_positive_definite(const KOOP(rls) *rls, const KOOP(change) *c) 
 			row[j] = (changed(c, rls->covariance, i, j, rows) - dot(row, other, j)) / other[j];
 		}
 		const real diagonal = changed(c, rls->covariance, i, i, rows);
-		const real pivot = diagonal - dot(row, row, i);
-		if (!(pivot > least * diagonal)) { return 0; }
+		const real pivot = kept * diagonal - dot(row, row, i);
+		if (!(pivot > 0)) { return 0; }
 		row[i] = MATH(sqrt)(pivot);
 	}
 	return 1;

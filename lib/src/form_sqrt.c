@@ -105,6 +105,13 @@ static int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) 
 	}
 	if (!(bound < REAL_MAX / 2)) { return KOOP_E_OVERFLOW; }
 	if (!(least * MATH(sqrt)(step->noise / denominator) > 0)) { return KOOP_E_INDEFINITE; }
+	if (step->trace > 0) {
+		/* an update without scale lowers the trace, by no more than noise / denominator:
+		 * neither it nor the factor below may leave the range */
+		const real trace = dot(rls->covariance, rls->covariance, d * rows);
+		if (!(trace < REAL_MAX)) { return KOOP_E_OVERFLOW; }
+		if (!(step->trace / trace * (denominator / step->noise) < REAL_MAX)) { return KOOP_E_OVERFLOW; }
+	}
 
 	if (step->inflate > 0) {
 		for (size_t i = 0; i < rows; i++) { up[i] = root_inflate * rls->zeta[i]; }

@@ -198,10 +198,12 @@ int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, real *covariance) {
 	if (!rls || !rls->covariance || !covariance) { return KOOP_E_NULL; }
+	int finite = 1;
 	for (size_t i = 0; i < rls->n_regressors; i++) {
 		for (size_t j = 0; j < rls->n_regressors; j++) {
-			*covariance++ = rls->config.form->element(rls, i, j);
+			*covariance = rls->config.form->element(rls, i, j);
+			finite &= is_finite(*covariance++);
 		}
 	}
-	return KOOP_OK;
+	return finite ? KOOP_OK : KOOP_E_OVERFLOW;
 }

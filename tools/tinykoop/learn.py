@@ -69,7 +69,7 @@ def report(rows):
         )
     print_table(
         "One-step learning of the DDR, 5,000 steps: float64, the paper in brackets",
-        ["method", "mean error", "final |P|", "final |A|", "skipped %", "error f32/f64", "P lost f64/f32"],
+        ["method", "mean error", "final |P|", "final |A|", "skipped %", "f32/f64", "P lost f64/f32"],
         lines,
         "Vanilla RBF: error and |A| are round-off; its |P| is the closed form 100 lambda^-5000 per idle direction.",
     )

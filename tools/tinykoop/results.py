@@ -71,7 +71,7 @@ def print_table(title, headers, rows, note=""):
         title=f"\n{title}", caption=note, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD, pad_edge=False
     )
     for i, header in enumerate(headers):
-        table.add_column(header, justify="right" if i else "left", no_wrap=i == 0)
+        table.add_column(header, justify="right" if i else "left", no_wrap=True)
     for row in rows:
         table.add_row(*[str(cell) for cell in row])
     console.print(table)

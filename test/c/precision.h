@@ -1,0 +1,31 @@
+/* One test source, two precisions: TEST_DOUBLE = 0 tests koopf_, 1 tests koopd_. */
+#ifndef PRECISION_H
+#define PRECISION_H
+
+#include "tinykoop.h"
+
+#include <float.h>
+#include <math.h>
+
+#if TEST_DOUBLE
+typedef double real;
+#define KOOP(name) koopd_##name
+#define OTHER(name) koopf_##name
+#define REAL_EPSILON DBL_EPSILON
+#define REAL_MAX DBL_MAX
+#define REAL_MIN DBL_MIN
+#define MODEL_BYTES(N, m) KOOPD_MODEL_BYTES(N, m)
+#else
+typedef float real;
+#define KOOP(name) koopf_##name
+#define OTHER(name) koopd_##name
+#define REAL_EPSILON FLT_EPSILON
+#define REAL_MAX FLT_MAX
+#define REAL_MIN FLT_MIN
+#define MODEL_BYTES(N, m) KOOPF_MODEL_BYTES(N, m)
+#endif
+
+/* What the tests compute in on their own, so that their rounding does not count. */
+typedef long double wide;
+
+#endif

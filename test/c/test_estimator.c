@@ -1,0 +1,218 @@
+/* Theta goes in, comes out, predicts, and what an update reports is true. */
+#include "support.h"
+
+enum { N = 5, M = 2, D = N + M };
+
+static estimator e;
+
+static void test_starts_from_nothing(void) {
+	for (int f = 0; f < FORMS; f++) {
+		learned start;
+		estimator_settings(&e, N, M, &KOOP(reg_ef), all_forms[f]);
+		e.config.p0 = 16; /* its root is exact */
+		estimator_start(&e);
+		learned_take(&start, &e);
+		for (size_t i = 0; i < N * D; i++) { TEST_ASSERT_TRUE(fabs((double)start.theta[i]) <= 0); }
+		for (size_t i = 0; i < D * D; i++) {
+			const double expected = i % (D + 1) == 0 ? 16 : 0;
+			TEST_ASSERT_TRUE(fabs((double)start.covariance[i] - expected) <= 0);
+		}
+	}
+}
+
+static void test_theta_round_trip(void) {
+	random_source random = random_seed(21);
+	for (int f = 0; f < FORMS; f++) {
+		real theta[N * D], back[N * D];
+		learned before, after;
+		estimator_default(&e, N, M, &KOOP(reg_ef), all_forms[f]);
+		learned_take(&before, &e);
+		random_fill(&random, theta, N * D, -100, 100);
+		theta[3] = -REAL_MIN / 4; /* a subnormal too */
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		CHECK_STATUS(KOOP_OK, KOOP(rls_get_theta)(&e.rls, back));
+		TEST_ASSERT_EQUAL_MEMORY(theta, back, sizeof theta);
+		learned_take(&after, &e);
+		TEST_ASSERT_TRUE(learned_same_covariance(&before, &after, &e));
+	}
+}
+
+static void test_theta_that_is_not_finite_is_refused(void) {
+	const double values[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
+	real theta[N * D] = {0};
+	learned before, after;
+	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	theta[4] = 7;
+	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+	learned_take(&before, &e);
+	for (size_t i = 0; i < N * D; i++) {
+		for (int v = 0; v < 3; v++) {
+			real bad[N * D] = {0};
+			bad[i] = (real)values[v];
+			CHECK_STATUS(KOOP_E_INPUT, KOOP(rls_set_theta)(&e.rls, bad));
+		}
+	}
+	learned_take(&after, &e);
+	TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e));
+}
+
+static void test_predicts_theta_times_zeta(void) {
+	random_source random = random_seed(22);
+	for (size_t n_lifted = 1; n_lifted <= 13; n_lifted++) {
+		const size_t m = 1 + n_lifted % 3, d = n_lifted + m;
+		real theta[MAX_N * MAX_D], zeta[MAX_D], psi_next[MAX_N];
+		estimator_default(&e, n_lifted, m, &KOOP(reg_ef), &KOOP(form_plain));
+		random_fill(&random, theta, n_lifted * d, -2, 2);
+		random_fill(&random, zeta, d, -2, 2);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		CHECK_STATUS(KOOP_OK, KOOP(rls_predict)(&e.rls, zeta, zeta + n_lifted, psi_next));
+		for (size_t i = 0; i < n_lifted; i++) {
+			wide expected = 0;
+			for (size_t j = 0; j < d; j++) { expected += (wide)theta[i * d + j] * (wide)zeta[j]; }
+			/* d products of at most 4, each off by epsilon of the running sum */
+			const wide tolerance = 4 * (wide)(d * d) * (wide)REAL_EPSILON;
+			CHECK(fabsl((wide)psi_next[i] - expected) <= tolerance, "%g instead of %g", (double)psi_next[i],
+			      (double)expected);
+		}
+		/* in place */
+		CHECK_STATUS(KOOP_OK, KOOP(rls_predict)(&e.rls, zeta, zeta + n_lifted, zeta));
+		TEST_ASSERT_EQUAL_MEMORY(psi_next, zeta, n_lifted * sizeof(real));
+	}
+}
+
+static void test_prediction_refuses(void) {
+	const double values[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
+	real theta[N * D];
+	for (size_t i = 0; i < N * D; i++) { theta[i] = 2; }
+	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+	for (size_t i = 0; i < D; i++) {
+		real zeta[D] = {0}, psi_next[N] = {1, 2, 3, 4, 5};
+		const real untouched[N] = {1, 2, 3, 4, 5};
+		for (int v = 0; v < 3; v++) {
+			zeta[i] = (real)values[v];
+			CHECK_STATUS(KOOP_E_INPUT, KOOP(rls_predict)(&e.rls, zeta, zeta + N, psi_next));
+		}
+		zeta[i] = REAL_MAX;
+		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(rls_predict)(&e.rls, zeta, zeta + N, psi_next));
+		TEST_ASSERT_EQUAL_MEMORY(untouched, psi_next, sizeof untouched);
+	}
+}
+
+static void test_prediction_changes_nothing(void) {
+	random_source random = random_seed(23);
+	learned before, after;
+	real zeta[D], psi_next[N];
+	estimator_default(&e, N, M, &KOOP(reg_sift), &KOOP(form_sqrt));
+	for (int k = 0; k < 10; k++) {
+		random_fill(&random, zeta, D, -1, 1);
+		random_fill(&random, psi_next, N, -1, 1);
+		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+	}
+	learned_take(&before, &e);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_predict)(&e.rls, zeta, zeta + N, psi_next));
+	learned_take(&after, &e);
+	TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e));
+	TEST_ASSERT_TRUE(learned_same_covariance(&before, &after, &e));
+}
+
+static void test_reset_keeps_theta(void) {
+	random_source random = random_seed(24);
+	static estimator fresh;
+	for (int r = 0; r < REGULATORS; r++) {
+		for (int f = 0; f < FORMS; f++) {
+			learned before, after, start;
+			real zeta[D], psi_next[N];
+			estimator_default(&e, N, M, all_regulators[r], all_forms[f]);
+			for (int k = 0; k < 30; k++) {
+				random_fill(&random, zeta, D, -1, 1);
+				random_fill(&random, psi_next, N, -1, 1);
+				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			}
+			learned_take(&before, &e);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, e.config.p0));
+			learned_take(&after, &e);
+			TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e));
+
+			/* from here on it is a new estimator that was given this Theta */
+			estimator_default(&fresh, N, M, all_regulators[r], all_forms[f]);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&fresh.rls, before.theta));
+			for (int k = 0; k < 10; k++) {
+				learned_take(&start, &fresh);
+				CHECK(learned_same_covariance(&start, &after, &e), "%s step %d", estimator_name(&e), k);
+				CHECK(learned_same_theta(&start, &after, &e), "%s step %d", estimator_name(&e), k);
+				random_fill(&random, zeta, D, -1, 1);
+				random_fill(&random, psi_next, N, -1, 1);
+				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+				CHECK_STATUS(KOOP_OK, estimator_update(&fresh, zeta, psi_next, NULL));
+				learned_take(&after, &e);
+			}
+		}
+	}
+}
+
+static void test_health_of_an_accepted_sample(void) {
+	random_source random = random_seed(25);
+	for (int r = 0; r < REGULATORS; r++) {
+		for (int f = 0; f < FORMS; f++) {
+			int gated_count = 0;
+			estimator_default(&e, N, M, all_regulators[r], all_forms[f]);
+			for (int k = 0; k < 100; k++) {
+				real zeta[D], psi_next[N], error[N];
+				KOOP(health) health;
+				learned before, after;
+				const double scale = k % 4 == 0 ? 0.01 : 1;
+				random_fill(&random, zeta, D, -scale, scale);
+				random_fill(&random, psi_next, N, -0.1 * scale, 0.1 * scale);
+				learned_take(&before, &e);
+				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+				learned_take(&after, &e);
+
+				wide size = 0;
+				for (size_t i = 0; i < N; i++) {
+					wide predicted = 0;
+					for (size_t j = 0; j < D; j++) {
+						predicted += (wide)before.theta[i * D + j] * (wide)zeta[j];
+					}
+					error[i] = (real)((wide)psi_next[i] - predicted);
+					size = fmaxl(size, fabsl(predicted));
+				}
+				const wide tolerance = 8 * D * (wide)REAL_EPSILON * (size + norm(psi_next, N));
+				CHECK(fabsl((wide)health.innovation - norm(error, N)) <= tolerance, "%g instead of %g",
+				      (double)health.innovation, (double)norm(error, N));
+
+				const wide trace = trace_of(after.covariance, D);
+				CHECK(fabsl((wide)health.trace - trace) <= D * (wide)REAL_EPSILON * trace, "%g, not %g",
+				      (double)health.trace, (double)trace);
+				real least = after.covariance[0];
+				for (size_t i = 0; i < D; i++) {
+					if (after.covariance[i * D + i] < least) { least = after.covariance[i * D + i]; }
+				}
+				TEST_ASSERT_TRUE(memcmp(&least, &health.min_diagonal, sizeof least) == 0);
+				TEST_ASSERT_EQUAL_INT(1, health.finite);
+				TEST_ASSERT_EQUAL_INT(1, health.positive_definite);
+
+				const int dead_zone =
+				    e.config.regulator == &KOOP(reg_dz_cs) || e.config.regulator == &KOOP(reg_dz_ks);
+				TEST_ASSERT_EQUAL_INT(dead_zone && health.innovation <= e.config.delta, health.gated);
+				TEST_ASSERT_EQUAL_INT(health.gated, learned_same_covariance(&before, &after, &e));
+				gated_count += health.gated;
+				if (!dead_zone) { continue; }
+				CHECK(k < 99 || (gated_count > 10 && gated_count < 90), "gated %d", gated_count);
+			}
+		}
+	}
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_starts_from_nothing);
+	RUN_TEST(test_theta_round_trip);
+	RUN_TEST(test_theta_that_is_not_finite_is_refused);
+	RUN_TEST(test_predicts_theta_times_zeta);
+	RUN_TEST(test_prediction_refuses);
+	RUN_TEST(test_prediction_changes_nothing);
+	RUN_TEST(test_reset_keeps_theta);
+	RUN_TEST(test_health_of_an_accepted_sample);
+	return UNITY_END();
+}

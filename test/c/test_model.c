@@ -1,0 +1,206 @@
+/* Stored models: what comes back, and what is refused. */
+#include "support.h"
+
+enum { N = 3, M = 2, D = N + M, BYTES = MODEL_BYTES(N, M), CHECKSUM_AT = 20 };
+
+static estimator from, to;
+static unsigned char model[BYTES];
+
+/* CRC-32 by remainders of a byte, apart from the library's */
+static uint32_t checksum(const unsigned char *bytes, size_t count, uint32_t crc) {
+	static uint32_t table[256];
+	for (uint32_t i = 0; i < 256; i++) {
+		uint32_t remainder = i;
+		for (int bit = 0; bit < 8; bit++) {
+			remainder = remainder & 1 ? (remainder >> 1) ^ 0xEDB88320u : remainder >> 1;
+		}
+		table[i] = remainder;
+	}
+	for (size_t i = 0; i < count; i++) { crc = (crc >> 8) ^ table[(crc ^ bytes[i]) & 0xFFu]; }
+	return crc;
+}
+
+/* Makes a model that was tampered with valid again. */
+static void seal(unsigned char *bytes) {
+	uint32_t crc = checksum(bytes, CHECKSUM_AT, 0xFFFFFFFFu);
+	crc = ~checksum(bytes + CHECKSUM_AT + 4, BYTES - CHECKSUM_AT - 4, crc);
+	for (int i = 0; i < 4; i++) { bytes[CHECKSUM_AT + i] = (unsigned char)(crc >> (8 * i)); }
+}
+
+/* `from` has learned something and is saved, `to` holds another Theta */
+static void prepare(void) {
+	random_source random = random_seed(11);
+	real theta[N * D];
+	estimator_default(&from, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	estimator_default(&to, N, M, &KOOP(reg_sift), &KOOP(form_sqrt));
+	for (int k = 0; k < 20; k++) {
+		real zeta[D], psi_next[N];
+		random_fill(&random, zeta, D, -1, 1);
+		random_fill(&random, psi_next, N, -1, 1);
+		CHECK_STATUS(KOOP_OK, estimator_update(&from, zeta, psi_next, NULL));
+	}
+	random_fill(&random, theta, N * D, -1, 1);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&to.rls, theta));
+	memset(model, 0xA5, sizeof model);
+	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&from.rls, model, BYTES));
+}
+
+static void check_refused(const void *bytes, size_t size, const char *what) {
+	learned before, after;
+	learned_take(&before, &to);
+	const int status = KOOP(model_load)(&to.rls, bytes, size);
+	learned_take(&after, &to);
+	CHECK(status == KOOP_E_MODEL, "%s: %d", what, status);
+	CHECK(learned_same_theta(&before, &after, &to), "%s", what);
+	CHECK(learned_same_covariance(&before, &after, &to), "%s", what);
+}
+
+static void test_round_trip(void) {
+	learned sent, received, before;
+	unsigned char again[BYTES];
+	prepare();
+	learned_take(&sent, &from);
+	learned_take(&before, &to);
+	CHECK_STATUS(KOOP_OK, KOOP(model_load)(&to.rls, model, BYTES));
+	learned_take(&received, &to);
+	TEST_ASSERT_TRUE(learned_same_theta(&sent, &received, &to));
+	TEST_ASSERT_TRUE(learned_same_covariance(&before, &received, &to));
+	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&to.rls, again, BYTES));
+	TEST_ASSERT_EQUAL_MEMORY(model, again, BYTES);
+}
+
+static void test_seal_is_the_library_s_checksum(void) {
+	unsigned char copy[BYTES];
+	prepare();
+	memcpy(copy, model, BYTES);
+	memset(copy + CHECKSUM_AT, 0, 4);
+	seal(copy);
+	TEST_ASSERT_EQUAL_MEMORY(model, copy, BYTES);
+}
+
+static void test_every_flipped_bit_is_refused(void) {
+	prepare();
+	for (size_t i = 0; i < BYTES; i++) {
+		for (int bit = 0; bit < 9; bit++) {
+			unsigned char copy[BYTES];
+			memcpy(copy, model, BYTES);
+			copy[i] ^= (unsigned char)(bit < 8 ? 1 << bit : 0xFF); /* at last the whole byte */
+			check_refused(copy, BYTES, "flipped");
+		}
+	}
+	CHECK_STATUS(KOOP_OK, KOOP(model_load)(&to.rls, model, BYTES));
+}
+
+/* With a right checksum: the header alone must give them away. */
+static void test_every_changed_header_is_refused(void) {
+	prepare();
+	for (size_t i = 0; i < CHECKSUM_AT; i++) {
+		for (int value = 0; value < 256; value++) {
+			unsigned char copy[BYTES];
+			memcpy(copy, model, BYTES);
+			if (copy[i] == value) { continue; }
+			copy[i] = (unsigned char)value;
+			seal(copy);
+			check_refused(copy, BYTES, "header");
+		}
+	}
+}
+
+static void test_wrong_size_is_refused(void) {
+	unsigned char large[BYTES + 1] = {0};
+	prepare();
+	memcpy(large, model, BYTES);
+	check_refused(large, BYTES + 1, "one byte more");
+	for (size_t size = 0; size < BYTES; size++) { check_refused(large, size, "truncated"); }
+	CHECK_STATUS(KOOP_E_STORAGE, KOOP(model_save)(&from.rls, large, BYTES - 1));
+	CHECK_STATUS(KOOP_E_STORAGE, KOOP(model_save)(&from.rls, large, 0));
+	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&from.rls, large, BYTES + 1));
+	TEST_ASSERT_EQUAL_MEMORY(model, large, BYTES);
+}
+
+/* Same number of bytes, other meaning. */
+static void test_model_of_another_kind_is_refused(void) {
+	prepare();
+	estimator_settings(&to, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	to.dictionary.name = "another";
+	estimator_start(&to);
+	check_refused(model, BYTES, "dictionary");
+
+	estimator_settings(&to, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	to.dictionary.n_states = N - 1;
+	estimator_start(&to);
+	check_refused(model, BYTES, "states");
+
+	estimator_default(&to, N + 1, M, &KOOP(reg_ef), &KOOP(form_plain));
+	check_refused(model, BYTES, "lifted states");
+	estimator_default(&to, N, M + 1, &KOOP(reg_ef), &KOOP(form_plain));
+	check_refused(model, BYTES, "inputs");
+
+	/* 2 x (2 + 7) and 3 x (3 + 3) elements are 18 both: only the header tells them apart */
+	static unsigned char same_size[MODEL_BYTES(2, 7)];
+	static real storage[KOOP_RLS_REALS_PLAIN(2, 7)];
+	estimator_settings(&from, 2, 7, &KOOP(reg_ef), &KOOP(form_plain));
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(rls_init)(&from.rls, &from.config, storage, sizeof storage / sizeof storage[0]));
+	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&from.rls, same_size, sizeof same_size));
+	estimator_default(&to, 3, 3, &KOOP(reg_ef), &KOOP(form_plain));
+	TEST_ASSERT_TRUE(sizeof same_size == MODEL_BYTES(3, 3));
+	check_refused(same_size, sizeof same_size, "N and m");
+}
+
+/* The other precision's 2 x (2 + 1) model, as it is and padded or cut to this one's size. */
+static void test_model_of_the_other_precision_is_refused(void) {
+	static const OTHER(dictionary) dictionary = {"identity", 2, 2, NULL, NULL};
+	OTHER(dictionary) lifted = dictionary;
+	estimator_default(&to, 2, 1, &KOOP(reg_ef), &KOOP(form_plain));
+	OTHER(config) config;
+	OTHER(rls) rls;
+	memset(&config, 0, sizeof config);
+	/* never called: only its presence is checked */
+	lifted.lift = OTHER(poly_ddr).lift;
+	config.dictionary = &lifted;
+	config.n_inputs = 1;
+	config.regulator = &OTHER(reg_ef);
+	config.form = &OTHER(form_plain);
+	config.lambda = 1;
+	config.p0 = 1;
+#if TEST_DOUBLE
+	static float storage[KOOP_RLS_REALS_PLAIN(2, 1)];
+#else
+	static double storage[KOOP_RLS_REALS_PLAIN(2, 1)];
+#endif
+	unsigned char bytes[KOOPD_MODEL_BYTES(2, 1)] = {0};
+	const size_t theirs = KOOPF_MODEL_BYTES(2, 1) + KOOPD_MODEL_BYTES(2, 1) - MODEL_BYTES(2, 1);
+	CHECK_STATUS(KOOP_OK, OTHER(rls_init)(&rls, &config, storage, sizeof storage / sizeof storage[0]));
+	CHECK_STATUS(KOOP_OK, OTHER(model_save)(&rls, bytes, theirs));
+	check_refused(bytes, theirs, "as it is");
+	check_refused(bytes, MODEL_BYTES(2, 1), "at this precision's size");
+}
+
+static void test_payload_that_is_not_finite_is_refused(void) {
+	const double values[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
+	prepare();
+	for (size_t i = 0; i < N * D; i++) {
+		for (int v = 0; v < 3; v++) {
+			unsigned char copy[BYTES];
+			const real value = (real)values[v];
+			memcpy(copy, model, BYTES);
+			memcpy(copy + CHECKSUM_AT + 4 + i * sizeof(real), &value, sizeof value);
+			seal(copy);
+			check_refused(copy, BYTES, "not finite");
+		}
+	}
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_round_trip);
+	RUN_TEST(test_seal_is_the_library_s_checksum);
+	RUN_TEST(test_every_flipped_bit_is_refused);
+	RUN_TEST(test_every_changed_header_is_refused);
+	RUN_TEST(test_wrong_size_is_refused);
+	RUN_TEST(test_model_of_another_kind_is_refused);
+	RUN_TEST(test_model_of_the_other_precision_is_refused);
+	RUN_TEST(test_payload_that_is_not_finite_is_refused);
+	return UNITY_END();
+}

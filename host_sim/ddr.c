@@ -55,7 +55,8 @@ static int simulate(const running *runs, size_t count, double dt, size_t steps, 
 		step(runs, count, u + 2 * k, pose, &signal);
 		signal.t = (double)(k + 1) * dt;
 		measure(runs, count, pose, &signal, x + 3 * (k + 1));
-		if (!isfinite(pose[0] + pose[1] + pose[2])) {
+		const double *measured = x + 3 * (k + 1);
+		if (!isfinite(pose[0] + pose[1] + pose[2] + measured[0] + measured[1] + measured[2])) {
 			return fail(
 			    "simulation left the finite numbers at t = %g s: check effect parameters and commands",
 			    signal.t);

@@ -208,7 +208,7 @@ static int find_dt(const reader *r, tk_log *log) {
 	qsort(steps, count, sizeof *steps, compare);
 	log->dt = steps[count / 2];
 	free(steps);
-	return TK_OK;
+	return isfinite(log->dt) ? TK_OK : fail("%s: column 't': the steps are too large to be numbers", r->path);
 }
 
 static char *read_file(const char *path) {
@@ -314,6 +314,14 @@ int tk_log_write(const char *path, const char *platform_name, size_t rows, doubl
 	const platform *p = platform_by_name(platform_name);
 	if (!p) { return TK_ERROR; }
 	if (!path || !x || !u) { return fail("path, x and u must be given"); }
+	for (size_t i = 0; i < rows * (p->n_states + p->n_inputs); i++) {
+		const int is_state = i < rows * p->n_states;
+		const size_t k = is_state ? i : i - rows * p->n_states;
+		if (!isfinite(is_state ? x[k] : u[k])) {
+			return fail("%s: row %zu of the %s is not finite; a log must be", path,
+			            k / (is_state ? p->n_states : p->n_inputs), is_state ? "states" : "inputs");
+		}
+	}
 	char *beside = malloc(strlen(path) + 6);
 	if (!beside) { return fail("out of memory"); }
 	sprintf(beside, "%s.part", path);

@@ -7,13 +7,16 @@ whatever else the machine does meets both sides.
 """
 
 import json
-import os
 import platform
 import statistics
 import subprocess
 import time
+from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
+from . import plots, results
 from .errors import UserError
 
 ROUNDS = 10  # every contender has a turn in each
@@ -33,44 +36,24 @@ def run(out_dir, build_dir):
     out_dir, build_dir: pathlib.Path; build_dir was configured with
     -DTINYKOOP_BENCH=ON. All times are ns per call.
     """
-    numpy, padasip, pyplot = _packages()
+    out_dir = results.output_folder(out_dir)
     programs = {name: _program(build_dir, name) for name in PROGRAMS}
     data = {name: _read(path, "data") for name, path in programs.items()}
     facts = {name: lines[-1] for name, lines in data.items()}
     samples = [line for line in data["bench_O2"] if line["kind"] == "sample"]
-    peers = _python_peers(numpy, padasip, samples, facts["bench_O2"])
+    peers = _python_peers(samples, facts["bench_O2"])
     times = _measure(programs, peers)
     versions = {
         "Eigen": facts["bench_O2"]["eigen"],
-        "NumPy": numpy.__version__,
-        "padasip": _version("padasip"),
+        "NumPy": version("numpy"),
+        "padasip": version("padasip"),
         "libm": " ".join(platform.libc_ver()).strip() or platform.system(),
     }
     rows = rows_of(times, facts, versions)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    write_json(out_dir / "bench.json", rows)
-    plot(pyplot, rows, out_dir / "bench_rls.png")
-    print(table(rows))
+    results.write_json(out_dir / "bench.json", rows)
+    plot(rows, out_dir / "bench_rls.png")
+    show(rows)
     return rows
-
-
-def _packages():
-    try:
-        import matplotlib
-        import numpy
-        import padasip
-    except ImportError as error:
-        raise UserError(f"bench needs the Python package {error.name}: pip install {error.name}") from None
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return numpy, padasip, pyplot
-
-
-def _version(package):
-    from importlib.metadata import version
-
-    return version(package)
 
 
 def _program(build_dir, name):
@@ -91,31 +74,34 @@ def _read(path, *arguments):
 class NumpyRls:
     """The update as one writes it in NumPy, with every array allocated once."""
 
-    def __init__(self, numpy, dtype, n_lifted, n_regressors, forgetting, p0):
-        self.numpy = numpy
-        self.theta = numpy.zeros((n_lifted, n_regressors), dtype)
-        self.covariance = (p0 * numpy.eye(n_regressors)).astype(dtype)
+    def __init__(self, dtype, n_lifted, n_regressors, forgetting, p0):
+        self.theta = np.zeros((n_lifted, n_regressors), dtype)
+        self.covariance = (p0 * np.eye(n_regressors)).astype(dtype)
         self.forgetting = dtype(forgetting)
         self.growth = dtype(1 / forgetting)
-        self.step = numpy.empty_like(self.covariance)
-        self.change = numpy.empty_like(self.theta)
+        self.step = np.empty_like(self.covariance)
+        self.change = np.empty_like(self.theta)
 
     def update(self, zeta, psi_next):
         error = psi_next - self.theta @ zeta
         g = self.covariance @ zeta
         gain = g / (self.forgetting + zeta @ g)
-        self.theta += self.numpy.multiply(error[:, None], gain, out=self.change)
-        self.covariance -= self.numpy.multiply(gain[:, None], g, out=self.step)
+        self.theta += np.multiply(error[:, None], gain, out=self.change)
+        self.covariance -= np.multiply(gain[:, None], g, out=self.step)
         self.covariance *= self.growth
 
 
-def _python_peers(numpy, padasip, samples, learned):
+def _python_peers(samples, learned):
     """{(peer, precision): function returning ns per update}, each checked to
     learn what TinyKoop does."""
-    zeta = numpy.array([sample["psi"] + sample["u"] for sample in samples])
-    psi_next = numpy.array([sample["psi_next"] for sample in samples])
+    try:
+        import padasip
+    except ImportError:
+        raise UserError("bench compares with padasip, which is missing: pip install padasip") from None
+    zeta = np.array([sample["psi"] + sample["u"] for sample in samples])
+    psi_next = np.array([sample["psi_next"] for sample in samples])
     n_lifted, n_regressors = psi_next.shape[1], zeta.shape[1]
-    theta = numpy.array(learned["theta"]).reshape(n_lifted, n_regressors)
+    theta = np.array(learned["theta"]).reshape(n_lifted, n_regressors)
     forgetting, p0 = learned["lambda"], learned["p0"]
 
     def check(name, difference, allowed):
@@ -126,7 +112,7 @@ def _python_peers(numpy, padasip, samples, learned):
         inputs, outputs = zeta.astype(dtype), psi_next.astype(dtype)
 
         def learn(count):
-            rls = NumpyRls(numpy, dtype, n_lifted, n_regressors, forgetting, p0)
+            rls = NumpyRls(dtype, n_lifted, n_regressors, forgetting, p0)
             start = time.perf_counter_ns()
             for k in range(count):
                 rls.update(inputs[k % len(inputs)], outputs[k % len(outputs)])
@@ -147,8 +133,8 @@ def _python_peers(numpy, padasip, samples, learned):
         return lambda: learn(PYTHON_UPDATES)[0]
 
     return {
-        ("NumPy", "f32"): numpy_peer(numpy.float32, 1e-4),
-        ("NumPy", "f64"): numpy_peer(numpy.float64, 1e-10),
+        ("NumPy", "f32"): numpy_peer(np.float32, 1e-4),
+        ("NumPy", "f64"): numpy_peer(np.float64, 1e-10),
         ("padasip", "f64"): padasip_peer(1e-10),
     }
 
@@ -197,7 +183,7 @@ def rows_of(times, facts, versions):
     rows = []
     for program, suffix in PROGRAMS.items():
         flags = f"{facts[program]['compiler']} {facts[program]['flags']}"
-        ours_flags = flags + (" -ffp-contract=fast" if suffix == "_contract" else " -ffp-contract=off")
+        both_flags = f"{flags}, ours -ffp-contract={'fast' if suffix == '_contract' else 'off'}"
         for precision in PRECISIONS:
             form = fastest(times, program, precision)
             eigen = times[program, "rls_update", precision, form]
@@ -206,18 +192,18 @@ def rows_of(times, facts, versions):
                 variants += [("_health", ", without it"), ("_checked", ", without it"), ("_sqrt", ", plain P")]
             for variant, note in variants:
                 ours = times[program, "rls_update" + variant, precision, "tinykoop"]
-                name = f"{form}, fixed size, {flags}{note}"
+                name = f"{form}{note}"
                 task = f"rls_update_{precision}{suffix}{variant}"
-                rows.append(compare(task, ours, eigen, name, versions["Eigen"], ours_flags))
+                rows.append(compare(task, ours, eigen, name, versions["Eigen"], both_flags))
             for task in ("lift_rbf_ddr", "lift_poly_ddr") if suffix != "_contract" else ():
                 ours = times[program, task, precision, "tinykoop"]
                 libm = times[program, task, precision, "libm"]
-                name = f"libm, unchecked, {flags}"
+                name = "libm, unchecked"
                 rows.append(
-                    compare(f"{task}_{precision}{suffix}", ours, libm, name, versions["libm"], ours_flags)
+                    compare(f"{task}_{precision}{suffix}", ours, libm, name, versions["libm"], both_flags)
                 )
-    flags = f"{facts['bench_O2']['compiler']} {facts['bench_O2']['flags']} -ffp-contract=off"
-    notes = {"NumPy": "", "padasip": " FilterRLS, one output of 22, float64"}
+    flags = f"{facts['bench_O2']['compiler']} {facts['bench_O2']['flags']}, ours -ffp-contract=off"
+    notes = {"NumPy": "", "padasip": " FilterRLS, 1 of 22 outputs"}
     for (program, _, precision, peer), values in times.items():
         if program == "python":
             ours = by_round(times["bench_O2", "rls_update", precision, "tinykoop"], len(values))
@@ -232,26 +218,22 @@ def by_round(values, rounds):
     return [statistics.median(values[k * size : (k + 1) * size]) for k in range(rounds)]
 
 
-def write_json(path, rows):
-    """The whole file or none of it."""
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+def show(rows):
+    """The table on the terminal."""
+    results.print_table(
+        "One call, ns",
+        ["task", "TinyKoop", "peer", "ratio", "peer's name", "version"],
+        [
+            [r["task"], f"{r['ours']:.0f}", f"{r['peer']:.0f}", f"{r['ratio']:.2f}", r["peer_name"], r["peer_version"]]
+            for r in rows
+        ],
+        "ratio = peer / TinyKoop, median over repeats: above 1, TinyKoop is faster. No peer checks anything. "
+        "health: with the health report; checked: P factored at every update; sqrt: square-root form; "
+        "contract: TinyKoop compiled with -ffp-contract=fast.",
+    )
 
 
-def table(rows):
-    """Text for the terminal; times in ns per call, ratio = peer / ours."""
-    lines = [f"{'task':32} {'ours ns':>9} {'peer ns':>10} {'ratio':>7}  peer"]
-    for row in rows:
-        lines.append(
-            f"{row['task']:32} {row['ours']:9.1f} {row['peer']:10.1f} {row['ratio']:7.2f}  "
-            f"{row['peer_name']} ({row['peer_version']})"
-        )
-    lines.append("ratio = peer / ours, median over repeats: above 1, TinyKoop is faster")
-    return "\n".join(lines)
-
-
-def plot(pyplot, rows, path):
+def plot(rows, path):
     """Bars of ns per update, log axis; who is who by hatch, not by colour."""
     row = {r["task"]: r for r in rows}
     contenders = [
@@ -265,7 +247,7 @@ def plot(pyplot, rows, path):
     groups = [("f32", "_O2"), ("f32", ""), ("f64", "_O2"), ("f64", "")]
     names = {"_O2": "-O2", "": "-O3 native"}
     width = 0.8 / len(contenders)
-    figure, axes = pyplot.subplots(figsize=(10, 4.8), constrained_layout=True)
+    figure, axes = plots.plt.subplots(figsize=(10, 4.8))
     for k, (label, hatch, value) in enumerate(contenders):
         places, heights = [], []
         for g, (precision, suffix) in enumerate(groups):
@@ -285,5 +267,4 @@ def plot(pyplot, rows, path):
         f"One update of N = 22, m = 2: TinyKoop is {min(ratios):.2f} to {max(ratios):.2f} times as fast as Eigen"
     )
     axes.legend(ncols=3, fontsize=8, frameon=False)
-    figure.savefig(path, dpi=150)
-    pyplot.close(figure)
+    plots.save(figure, path)

@@ -5,6 +5,7 @@ refuses is raised as UserError with its message.
 """
 
 import ctypes as ct
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,7 +99,7 @@ def _call(name, *arguments):
 
 def _check(name, *arguments):
     if _call(name, *arguments) != 0:
-        raise UserError(_call("tk_message").decode())
+        raise UserError(_call("tk_message").decode("utf-8", "replace"))
 
 
 def _in(array, columns=None):
@@ -314,7 +315,7 @@ _PLATFORM_SIZES = {"ddr": (3, 2), "fwmav": (10, 1)}
 def read_log(path, platform="ddr"):
     """Reads a CSV log; a bad one is refused with file, line and column."""
     handle = ct.c_void_p()
-    _check("tk_log_read", str(path).encode(), platform.encode(), ct.byref(handle))
+    _check("tk_log_read", os.fsencode(path), platform.encode(), ct.byref(handle))
     try:
         K = _call("tk_log_rows", handle)
         n, m = _PLATFORM_SIZES[platform]
@@ -331,6 +332,6 @@ def write_log(path, x, u, dt, platform="ddr"):
     n, m = _PLATFORM_SIZES[platform]
     x, u = _in(x, n), _in(u, m)
     _check(
-        "tk_log_write", str(path).encode(), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),
+        "tk_log_write", os.fsencode(path), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),
         _doubles(x), _doubles(u),
     )  # fmt: skip

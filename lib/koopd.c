@@ -7,6 +7,7 @@
 #define real double
 #define REAL_MAX DBL_MAX
 #define REAL_EPSILON DBL_EPSILON
+#define OUTER_WIDTH 12 /* columns updated at a time: what fits six 16-byte registers */
 #define MATH(function) function
 #define KOOP(name) koopd_##name
 

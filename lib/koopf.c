@@ -7,6 +7,7 @@
 #define real float
 #define REAL_MAX FLT_MAX
 #define REAL_EPSILON FLT_EPSILON
+#define OUTER_WIDTH 24 /* columns updated at a time: what fits six 16-byte registers */
 #define MATH(function) function##f
 #define KOOP(name) koopf_##name
 

@@ -140,6 +140,8 @@ typedef struct KOOP(rls) {
 	KOOP_REAL *gain;            /* scratch: P zeta, then the gain K, d */
 	KOOP_REAL *work;            /* scratch: three of d */
 	KOOP_REAL *error;           /* scratch: innovation, N */
+	KOOP_REAL gain_square;      /* scratch: K' K */
+	KOOP_REAL covariance_scale; /* plain form: P is this times its first square */
 	KOOP_REAL theta_bound;      /* >= every |element| of theta */
 	KOOP_REAL covariance_bound; /* >= every |element| of the first square */
 	int positive_definite;      /* 0: P is known not to be */

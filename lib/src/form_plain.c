@@ -1,8 +1,9 @@
-/* P itself, d rows of KOOP_PAD(d). Every update adds v v' and scales, element
- * (i, j) by the same operations as (j, i), so P is symmetric bit for bit. The
- * textbook's P - K (zeta' P) is not, and ends in NaN from round-off alone.
+/* P = scale * M with M in d rows of KOOP_PAD(d): forgetting then changes one
+ * number, not all of M. Every update adds v v' to M, element (i, j) by the same
+ * operations as (j, i), so P is symmetric bit for bit. The textbook's
+ * P - K (P zeta)' is not, and ends in NaN from round-off alone.
  *
- * Squares: P, then P^-1 for a regulator that needs it, then the factor of the
+ * Squares: M, then P^-1 for a regulator that needs it, then the factor of the
  * check. */
 
 static size_t plain_square(const KOOP(rls) *rls) {
@@ -29,6 +30,7 @@ static void set_diagonal(const KOOP(rls) *rls, real *M, real value) {
 
 static void plain_reset(KOOP(rls) *rls, real p0) {
 	set_diagonal(rls, rls->covariance, p0);
+	rls->covariance_scale = 1;
 	rls->covariance_bound = p0;
 	if (rls->config.regulator->needs_information) { set_diagonal(rls, plain_inverse(rls), 1 / p0); }
 }
@@ -36,6 +38,7 @@ static void plain_reset(KOOP(rls) *rls, real p0) {
 static real plain_gain(KOOP(rls) *rls) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
 	weighted_rows(rls->gain, rls->covariance, rls->zeta, d, rows);
+	scaled(rls->gain, rls->covariance_scale, rls->gain, rows);
 	return dot(rls->gain, rls->zeta, rows);
 }
 
@@ -46,31 +49,24 @@ static real plain_information(KOOP(rls) *rls) {
 	return dot(rls->work, rls->zeta, rows);
 }
 
-/* What is to become of M: (M + sign v v' + up up') scale. */
+/* What is to become of M: M + up up' + sign v v'. */
 typedef struct KOOP(change) {
 	const real *v;
 	const real *up; /* may be null */
 	real sign;
-	real scale;
 } KOOP(change);
 
 static real changed(const KOOP(change) *c, const real *M, size_t i, size_t j, size_t rows) {
 	const real up = c->up ? M[i * rows + j] + c->up[i] * c->up[j] : M[i * rows + j];
-	return (up + c->sign * c->v[i] * c->v[j]) * c->scale;
+	return up + c->sign * c->v[i] * c->v[j];
 }
 
-static void change_rows(const KOOP(change) *c, real *restrict M, size_t count, size_t rows) {
-	const real scale = c->scale;
-	const real *restrict v = c->v;
-	for (size_t j = 0; j < count; j++, M += rows) {
-		const real a = c->sign * v[j];
-		if (c->up) { add_scaled(M, c->up[j], c->up, rows); }
-		for (size_t i = 0; i < rows; i += 4) {
-			M[i] = (M[i] + a * v[i]) * scale;
-			M[i + 1] = (M[i + 1] + a * v[i + 1]) * scale;
-			M[i + 2] = (M[i + 2] + a * v[i + 2]) * scale;
-			M[i + 3] = (M[i + 3] + a * v[i + 3]) * scale;
-		}
+static void change_rows(const KOOP(change) *c, real *M, size_t count, size_t rows) {
+	if (c->up) { add_outer(M, c->up, c->up, count, rows); }
+	if (c->sign < 0) {
+		subtract_outer(M, c->v, c->v, count, rows);
+	} else {
+		add_outer(M, c->v, c->v, count, rows);
 	}
 }
 
@@ -95,41 +91,51 @@ static int stays_positive_definite(const KOOP(rls) *rls, const KOOP(change) *c) 
 	return 1;
 }
 
+static int diagonal_stays_positive(const KOOP(rls) *rls, const KOOP(change) *c, real scale) {
+	const real *diagonal = rls->covariance, *v = c->v, *up = c->up;
+	const real down = -c->sign;
+	for (size_t i = 0; i < rls->n_regressors; i++, diagonal += rls->n_regressors_padded + 1) {
+		const real before = up ? *diagonal + up[i] * up[i] : *diagonal;
+		if (!(before > down * (v[i] * v[i]))) { return 0; }
+		if (scale < 1 && !((before - down * (v[i] * v[i])) * scale > 0)) { return 0; } /* underflow */
+	}
+	return 1;
+}
+
+/* Beyond this factor the scale is worked into M. */
+#define PLAIN_SCALE_MAX 1024
+
 static int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	real *P = rls->covariance;
+	real *M = rls->covariance;
 	real *inverse_zeta = rls->work, *v = rls->work + rows, *up = rls->work + 2 * rows;
-	KOOP(change) change = {v, NULL, denominator > 0 ? (real)-1 : (real)1, step->scale};
+	KOOP(change) change = {v, NULL, denominator > 0 ? (real)-1 : (real)1};
 
-	const real root = MATH(sqrt)(MATH(fabs)(denominator));
-	for (size_t i = 0; i < rows; i++) { v[i] = rls->gain[i] * root; }
+	const real old_scale = rls->covariance_scale;
+	scaled(v, MATH(sqrt)(MATH(fabs)(denominator) / old_scale), rls->gain, rows);
 	if (step->inflate > 0) {
-		const real root_inflate = MATH(sqrt)(step->inflate);
-		for (size_t i = 0; i < rows; i++) { up[i] = rls->zeta[i] * root_inflate; }
+		scaled(up, MATH(sqrt)(step->inflate / old_scale), rls->zeta, rows);
 		change.up = up;
 	}
 
-	/* the diagonal first: it is cheap and tells most of what can go wrong */
-	real trace = 0, least = REAL_MAX, largest_v = 0, largest_up = 0;
-	for (size_t i = 0; i < d; i++) {
-		const real diagonal = changed(&change, P, i, i, rows);
-		trace += diagonal;
-		if (diagonal < least) { least = diagonal; }
-		largest_v = max_of(largest_v, MATH(fabs)(v[i]));
-		largest_up = max_of(largest_up, change.up ? MATH(fabs)(up[i]) : 0);
-	}
+	real scale = old_scale * step->scale;
 	if (step->trace > 0) {
+		real trace = 0;
+		for (size_t i = 0; i < d; i++) { trace += changed(&change, M, i, i, rows); }
+		if (!is_finite(trace)) { return KOOP_E_OVERFLOW; }
 		if (!(trace > 0)) { return KOOP_E_INDEFINITE; }
-		change.scale = step->trace / trace;
+		scale = step->trace / trace;
 	}
 
-	/* |P[i,j]| is bounded without a look at all of P, as long as the bound is far from overflow */
-	const real growth = largest_v * largest_v + largest_up * largest_up;
-	real bound = (rls->covariance_bound + growth) * change.scale;
-	if (!(bound < REAL_MAX / 2)) { bound = (max_abs(P, plain_square(rls)) + growth) * change.scale; }
-	if (!is_finite(trace) || !(bound < REAL_MAX / 2)) { return KOOP_E_OVERFLOW; }
+	/* |M[i,j]| is bounded without a look at all of M, as long as the bound is far from overflow */
+	const real growth =
+	    rls->gain_square * (MATH(fabs)(denominator) / old_scale) + (change.up ? dot(up, up, rows) : 0);
+	real bound = rls->covariance_bound + growth;
+	if (!(bound * scale < REAL_MAX / 2)) { bound = max_abs(M, plain_square(rls)) + growth; }
+	if (!(bound * scale < REAL_MAX / 2)) { return KOOP_E_OVERFLOW; }
 
-	int positive_definite = least > 0;
+	/* the diagonal first: it is cheap and tells most of what can go wrong */
+	int positive_definite = diagonal_stays_positive(rls, &change, scale);
 	if (positive_definite && rls->config.check != KOOP_CHECK_DIAGONAL) {
 		positive_definite = stays_positive_definite(rls, &change);
 	}
@@ -137,19 +143,24 @@ static int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator)
 
 	if (rls->config.regulator->needs_information) {
 		/* paper, SIFt: R = R - (1 - lambda) / rho (R zeta)(R zeta)' + zeta zeta' */
-		const real part = MATH(sqrt)(step->inflate * rls->config.lambda);
-		for (size_t i = 0; i < rows; i++) { inverse_zeta[i] *= part; }
-		const KOOP(change) dual = {inverse_zeta, rls->zeta, -1, 1};
+		scaled(inverse_zeta, MATH(sqrt)(step->inflate * rls->config.lambda), inverse_zeta, rows);
+		const KOOP(change) dual = {inverse_zeta, rls->zeta, -1};
 		change_rows(&dual, plain_inverse(rls), d, rows);
 	}
-	change_rows(&change, P, d, rows);
+	change_rows(&change, M, d, rows);
+	rls->covariance_scale = scale;
 	rls->covariance_bound = bound;
 	rls->positive_definite = positive_definite;
+	if (!(scale > (real)1 / PLAIN_SCALE_MAX && scale < PLAIN_SCALE_MAX)) {
+		scaled(M, scale, M, d * rows);
+		rls->covariance_scale = 1;
+		rls->covariance_bound = bound * scale;
+	}
 	return KOOP_OK;
 }
 
 static real plain_element(const KOOP(rls) *rls, size_t i, size_t j) {
-	return rls->covariance[i * rls->n_regressors_padded + j];
+	return rls->covariance[i * rls->n_regressors_padded + j] * rls->covariance_scale;
 }
 
 const KOOP(form) KOOP(form_plain) = {

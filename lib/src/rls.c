@@ -74,8 +74,8 @@ int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
 }
 
 static void load_regressor(KOOP(rls) *rls, const real *psi, const real *u) {
-	for (size_t i = 0; i < rls->n_lifted; i++) { rls->zeta[i] = psi[i]; }
-	for (size_t i = 0; i < rls->config.n_inputs; i++) { rls->zeta[rls->n_lifted + i] = u[i]; }
+	copy(rls->zeta, psi, rls->n_lifted);
+	copy(rls->zeta + rls->n_lifted, u, rls->config.n_inputs);
 }
 
 int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real *psi_next) {
@@ -102,14 +102,14 @@ static int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denominato
 	if (!(*denominator > 0) && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }
 
 	const real inverse = 1 / *denominator;
-	for (size_t i = 0; i < rows; i++) { rls->gain[i] *= inverse; }
+	scaled(rls->gain, inverse, rls->gain, rows);
+	rls->gain_square = dot(rls->gain, rls->gain, rows);
 	return KOOP_OK;
 }
 
 /* Whether Theta + error K' is finite, and the new bound of its elements. */
 static int theta_stays_finite(const KOOP(rls) *rls, real innovation, real *bound) {
-	const size_t rows = rls->n_regressors_padded;
-	const real growth = innovation * MATH(sqrt)(dot(rls->gain, rls->gain, rows));
+	const real growth = innovation * MATH(sqrt)(rls->gain_square);
 	*bound = rls->theta_bound + growth;
 	if (!(*bound < REAL_MAX / 2)) {
 		*bound = max_abs(rls->theta, rls->n_regressors * rls->n_lifted_padded) + growth;
@@ -127,7 +127,7 @@ static int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real
 
 	load_regressor(rls, psi, u);
 	weighted_rows(error, rls->theta, rls->zeta, d, columns);
-	for (size_t i = 0; i < N; i++) { error[i] = psi_next[i] - error[i]; }
+	subtract_from(error, psi_next, N);
 
 	/* NaN and Inf reach the norm from wherever they come */
 	health->innovation = MATH(sqrt)(dot(error, error, columns));
@@ -150,7 +150,7 @@ static int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real
 	}
 
 	/* nothing can fail from here on */
-	for (size_t j = 0; j < d; j++) { add_scaled(rls->theta + j * columns, rls->gain[j], error, columns); }
+	add_outer(rls->theta, rls->gain, error, d, columns);
 	rls->theta_bound = bound;
 	return KOOP_OK;
 }

@@ -91,15 +91,18 @@ static int stays_positive_definite(const KOOP(rls) *rls, const KOOP(change) *c) 
 	return 1;
 }
 
-static int diagonal_stays_positive(const KOOP(rls) *rls, const KOOP(change) *c, real scale) {
+/* Smallest diagonal element of what M would become. */
+static real least_diagonal(const KOOP(rls) *rls, const KOOP(change) *c) {
+	const size_t next = rls->n_regressors_padded + 1;
 	const real *diagonal = rls->covariance, *v = c->v, *up = c->up;
-	const real down = -c->sign;
-	for (size_t i = 0; i < rls->n_regressors; i++, diagonal += rls->n_regressors_padded + 1) {
+	const real sign = c->sign;
+	real least = REAL_MAX;
+	for (size_t i = 0; i < rls->n_regressors; i++, diagonal += next) {
 		const real before = up ? *diagonal + up[i] * up[i] : *diagonal;
-		if (!(before > down * (v[i] * v[i]))) { return 0; }
-		if (scale < 1 && !((before - down * (v[i] * v[i])) * scale > 0)) { return 0; } /* underflow */
+		const real value = before + sign * v[i] * v[i];
+		least = value < least ? value : least;
 	}
-	return 1;
+	return least;
 }
 
 /* Beyond this factor the scale is worked into M. */
@@ -135,7 +138,8 @@ static int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator)
 	if (!(bound * scale < REAL_MAX / 2)) { return KOOP_E_OVERFLOW; }
 
 	/* the diagonal first: it is cheap and tells most of what can go wrong */
-	int positive_definite = diagonal_stays_positive(rls, &change, scale);
+	const real least = least_diagonal(rls, &change);
+	int positive_definite = least > 0 && least * scale > 0; /* the product may underflow */
 	if (positive_definite && rls->config.check != KOOP_CHECK_DIAGONAL) {
 		positive_definite = stays_positive_definite(rls, &change);
 	}

@@ -1,0 +1,151 @@
+"""The tinykoop command: results as the contract has them, bad input in one line and exit status 2."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tinykoop import fit, learn, results, scenario, sim, windup
+from tinykoop.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def tinykoop(*arguments, cwd=None):
+    """(exit status, standard error) of the command."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tinykoop.cli", *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "tools")},
+    )  # fmt: skip
+    return done.returncode, done.stderr
+
+
+@pytest.fixture(scope="module")
+def noisy_log(tmp_path_factory):
+    """A 60 s drive of the slipping robot with measurement noise."""
+    path = tmp_path_factory.mktemp("log") / "drive.csv"
+    u = scenario.commands(1200)
+    x = sim.simulate(u, 0.05, active=[sim.usual_effect("pacejka_slip")])
+    x += np.random.default_rng(3).normal(0, 1e-3, x.shape)
+    sim.write_log(path, x, np.vstack([u, u[-1]]), 0.05)
+    return path
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory):
+    out = tmp_path_factory.mktemp("learn")
+    learn.run(out)
+    return out
+
+
+def strict_json(path):
+    """JSON proper has no NaN."""
+    return json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} in {path.name}"))
+
+
+def test_learn_json(learned):
+    rows = strict_json(learned / "learn.json")
+    keys = {
+        "dictionary", "regulator", "precision", "steps", "mean_error", "final_P_fro", "final_A_fro", "skip_rate",
+        "lost_positive_definite_at", "non_finite_at", "rollout_error",
+    }  # fmt: skip
+    assert len(rows) == 22
+    assert all(set(row) == keys and set(row["rollout_error"]) == {"1", "10", "50"} for row in rows)
+    assert {row["precision"] for row in rows} == {"f32", "f64"}
+    sift = next(r for r in rows if (r["dictionary"], r["regulator"], r["precision"]) == ("rbf", "sift", "f64"))
+    assert math.isclose(sift["final_P_fro"], 348.0018460302284, rel_tol=1e-3)
+
+
+def test_learn_plots(learned):
+    plots = sorted(path.name for path in learned.glob("*.png"))
+    assert plots == ["learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
+    assert not list(learned.glob("*.part"))
+
+
+def test_departure_is_the_first_step_beyond_the_bound():
+    reference = {"predicted": np.zeros((5, 3))}
+    trace = {"predicted": np.zeros((5, 3))}
+    assert windup.first_departure(trace, reference) is None
+    trace["predicted"][3, 1] = 2 * windup.LEFT
+    assert windup.first_departure(trace, reference) == 3
+    trace["predicted"][1, 0] = np.nan
+    assert windup.first_departure(trace, reference) == 1
+
+
+def test_replay(noisy_log, tmp_path):
+    status, error = tinykoop("replay", noisy_log, "--out", tmp_path)
+    assert (status, error) == (0, "")
+    rows = strict_json(tmp_path / "replay_drive.json")
+    by = {(r["method"], r.get("form"), r.get("precision")): r["mean_error"] for r in rows}
+    assert by["RBF (SIFt)", "sqrt", "f64"] < by["unicycle", None, None] < by["state stays", None, None]
+    assert math.isclose(by["RBF (SIFt)", "sqrt", "f32"], by["RBF (SIFt)", "sqrt", "f64"], rel_tol=1e-2)
+    assert (tmp_path / "replay_drive.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("precision", [32, 64])
+def test_fitted_model_starts_firmware(noisy_log, tmp_path, precision):
+    """The header compiles, loads, and holds the least-squares fit of the log."""
+    fit.run(noisy_log, tmp_path / "model.h", "poly", precision, p0=1e6)
+    koop, real = {32: ("koopf", "float"), 64: ("koopd", "double")}[precision]
+    (tmp_path / "main.c").write_text(f"""
+#include "tinykoop.h"
+#include "model.h"
+#include <stdio.h>
+static {real} storage[KOOP_RLS_REALS_SQRT(7, 2)];
+int main(void) {{
+	static {koop}_rls rls;
+	{real} theta[7 * 9];
+	const {koop}_config config = {{.dictionary = &{koop}_poly_ddr, .n_inputs = 2, .regulator = &{koop}_reg_ef,
+	                               .form = &{koop}_form_sqrt, .lambda = 1, .p0 = 1}};
+	if ({koop}_rls_init(&rls, &config, storage, sizeof storage / sizeof *storage)) {{ return 1; }}
+	if ({koop}_model_load(&rls, koop_model, sizeof koop_model)) {{ return 2; }}
+	{koop}_rls_get_theta(&rls, theta);
+	for (int i = 0; i < 63; i++) {{ printf("%.17g\\n", (double)theta[i]); }}
+	return 0;
+}}
+""")
+    subprocess.run(
+        ["gcc", "-std=c99", "-I", str(ROOT / "lib/include"), "main.c", str(ROOT / f"lib/{koop}.c"), "-o", "main", "-lm"],
+        check=True, cwd=tmp_path,
+    )  # fmt: skip
+    printed = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    theta = np.array(printed.split(), float).reshape(7, 9)
+
+    log = sim.read_log(noisy_log)
+    px, py, angle = log.x.T
+    psi = np.stack([px, py, angle, px**2, py**2, np.sin(angle), np.cos(angle)], axis=1)
+    zeta = np.hstack([psi[:-1], log.u[:-1]])
+    ridge = np.vstack([zeta, 1e-3 * np.eye(9)])
+    expected = np.linalg.lstsq(ridge, np.vstack([psi[1:], np.zeros((9, 7))]), rcond=None)[0].T
+    assert np.abs(theta - expected).max() < {32: 1e-5, 64: 1e-8}[precision] * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (("replay", "missing.csv"), "missing.csv: cannot be opened"),
+        (("replay", "bad.csv"), "bad.csv:3: column 'px' (2): 'x' is not a finite number"),
+        (("replay", "short.csv"), "short.csv: 4 usable steps, at least 100 are needed"),
+        (("fit", "short.csv", "model.txt"), "model.txt: the model is written as .h"),
+        (("learn", "--out", "short.csv/out"), "cannot be made as output folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(arguments, says, tmp_path):
+    (tmp_path / "bad.csv").write_text("t,px,py,theta,v,omega\n0,0,0,0,0,0\n0.1,x,0,0,0,0\n0.2,0,0,0,0,0\n")
+    (tmp_path / "short.csv").write_text("t,px,py,theta,v,omega\n" + "".join(f"{k},0,0,0,1,0\n" for k in range(5)))
+    status, error = tinykoop(*arguments, cwd=tmp_path)
+    assert status == 2
+    assert says in error
+    assert error.startswith("tinykoop: ") and error.count("\n") == 1
+
+
+def test_results_are_written_whole_or_not_at_all(tmp_path):
+    results.write_json(tmp_path / "a.json", [{"x": float("nan"), "y": [float("inf"), 1.5]}])
+    assert strict_json(tmp_path / "a.json") == [{"x": None, "y": [None, 1.5]}]
+    with pytest.raises(UserError, match="cannot be written"):
+        results.write_json(tmp_path / "missing" / "a.json", [])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json"]

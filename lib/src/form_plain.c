@@ -70,23 +70,33 @@ static void change_rows(const KOOP(change) *c, real *M, size_t count, size_t row
 	}
 }
 
-/* Cholesky factor of what P would become, with the diagonal lowered by d epsilon
- * of itself: what is definite by less is not told from round-off, neither that
- * of P nor that of the factorisation. */
+/* row = row i of what M would become, from the column `first` on */
+static void changed_row(const KOOP(change) *c, real *restrict row, const real *restrict M, size_t i,
+                        size_t first, size_t rows) {
+	copy(row + first, M + i * rows + first, rows - first);
+	if (c->up) { add_scaled(row + first, c->up[i], c->up + first, rows - first); }
+	add_scaled(row + first, c->sign * c->v[i], c->v + first, rows - first);
+}
+
+/* Cholesky factor of what P would become, upper and row by row, with the
+ * diagonal lowered by d epsilon of itself: what is definite by less is not told
+ * from round-off, neither that of P nor that of the factorisation. Rows start
+ * at a multiple of four; what stands left of their diagonal is not read. */
 static int stays_positive_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	const real kept = 1 - (real)d * REAL_EPSILON;
+	const real lowered = (real)d * REAL_EPSILON;
 	real *factor = plain_factor(rls);
 	for (size_t i = 0; i < d; i++) {
+		const size_t first = i / 4 * 4;
 		real *row = factor + i * rows;
-		for (size_t j = 0; j < i; j++) {
-			const real *other = factor + j * rows;
-			row[j] = (changed(c, rls->covariance, i, j, rows) - dot(row, other, j)) / other[j];
+		changed_row(c, row, rls->covariance, i, first, rows);
+		row[i] -= lowered * row[i];
+		for (size_t k = 0; k < i; k++) {
+			const real *above = factor + k * rows;
+			add_scaled(row + first, -above[i], above + first, rows - first);
 		}
-		const real diagonal = changed(c, rls->covariance, i, i, rows);
-		const real pivot = kept * diagonal - dot(row, row, i);
-		if (!(pivot > 0)) { return 0; }
-		row[i] = MATH(sqrt)(pivot);
+		if (!(row[i] > 0)) { return 0; }
+		scaled(row + first, 1 / MATH(sqrt)(row[i]), row + first, rows - first);
 	}
 	return 1;
 }

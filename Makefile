@@ -7,7 +7,7 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn ablate windup bench clean
+.PHONY: help system build c-tests demo test learn control ablate windup bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -33,7 +33,7 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn the DDR, precision study, real logs (LOG=x.csv for yours)
+demo: build ## the main job: eleven methods learn and control the DDR, precision study, real logs (LOG=x.csv for yours)
 	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)")
 
 test: build c-tests ## every test that needs no cross toolchain
@@ -46,6 +46,9 @@ c-tests: system
 
 learn: build ## DDR one-step learning, the paper's table: learn.json
 	@$(TINYKOOP) learn
+
+control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
+	@$(TINYKOOP) control
 
 ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
 	@$(TINYKOOP) ablate

@@ -1,8 +1,11 @@
 /* lib/ in either precision behind one interface. */
+#define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
+#include "ddr.h"
 #include "message.h"
 #include "tinykoop.h"
 
@@ -22,10 +25,17 @@ static int cholesky_succeeds(double *M, size_t d) {
 	return 1;
 }
 
+static double microseconds(void) {
+	struct timespec now;
+	clock_gettime(CLOCK_MONOTONIC, &now);
+	return 1e6 * (double)now.tv_sec + 1e-3 * (double)now.tv_nsec;
+}
+
 #define REAL float
 #define KOOP(name) koopf_##name
 #define SIM(name) f32_##name
 #include "estimator_real.h"
+#include "control_real.h"
 #undef REAL
 #undef KOOP
 #undef SIM
@@ -34,6 +44,7 @@ static int cholesky_succeeds(double *M, size_t d) {
 #define KOOP(name) koopd_##name
 #define SIM(name) f64_##name
 #include "estimator_real.h"
+#include "control_real.h"
 #undef REAL
 #undef KOOP
 #undef SIM
@@ -114,6 +125,17 @@ int tk_estimator_soak(tk_estimator *e, size_t steps, const double *zeta, const d
                       tk_soak *result) {
 	return e->f32 ? f32_soak(e->f32, steps, zeta, target, repeats, result)
 	              : f64_soak(e->f64, steps, zeta, target, repeats, result);
+}
+
+int tk_control(tk_estimator *e, const tk_mpc_settings *mpc, const tk_active *effects, size_t n_effects,
+               double dt, size_t steps, const double *x0, const double *reference, int learn,
+               const tk_control_trace *trace) {
+	ddr *robot = ddr_new(effects, n_effects, dt, x0);
+	if (!robot) { return TK_ERROR; }
+	const int status = e->f32 ? f32_control(e->f32, mpc, robot, steps, reference, learn, trace)
+	                          : f64_control(e->f64, mpc, robot, steps, reference, learn, trace);
+	ddr_free(robot);
+	return status;
 }
 
 int tk_threshold(double *scores, size_t count, double eta, double *delta) {

@@ -121,6 +121,34 @@ typedef struct tk_soak {
 TK_API int tk_estimator_soak(tk_estimator *estimator, size_t steps, const double *zeta, const double *target,
                              size_t repeats, tk_soak *result);
 
+/* ---- Control: Koopman-MPC on what is learned --------------------------------- */
+
+typedef struct tk_mpc_settings {
+	size_t horizon;
+	double q[3], r[2];         /* diagonals of Q and R */
+	double u_min[2], u_max[2]; /* m/s, rad/s */
+	double tolerance;          /* of the KKT residual; 0: the library's */
+	int method;                /* KOOP_MPC_... */
+} tk_mpc_settings;
+
+/* What a closed-loop run writes down, one row for each step. */
+typedef struct tk_control_trace {
+	double *x;        /* steps + 1 rows of 3 */
+	double *u;        /* 2 */
+	int32_t *status;  /* of the solver: not KOOP_OK where the safe input (0, 0) was given */
+	double *residual; /* KKT residual */
+	int32_t *iterations;
+	double *solve_us; /* condensing and solving, microseconds of wall time */
+	size_t every;     /* as in tk_trace */
+	double *theta, *covariance;
+} tk_control_trace;
+
+/* Drives the robot along `reference` (steps + horizon + 1 rows of 3) from x0,
+ * learning at every step if `learn`. */
+TK_API int tk_control(tk_estimator *estimator, const tk_mpc_settings *mpc, const tk_active *effects,
+                      size_t n_effects, double dt, size_t steps, const double *x0, const double *reference,
+                      int learn, const tk_control_trace *trace);
+
 /* The library's dead-zone threshold, in double: the eta-quantile of `scores`, which get sorted. */
 TK_API int tk_threshold(double *scores, size_t count, double eta, double *delta);
 

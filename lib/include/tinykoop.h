@@ -74,6 +74,27 @@ enum {
 #define KOOP_RLS_REALS_SQRT(N, m) KOOP_RLS_REALS(N, m, 1u)
 #define KOOP_RLS_REALS_PLAIN(N, m) KOOP_RLS_REALS(N, m, 3u)
 
+/* Model predictive control: bounds that are fixed at compile time, and so the
+ * worst case. */
+#define KOOP_MPC_MAX_HORIZON 1000
+#define KOOP_MPC_MAX_NEWTON 40
+#define KOOP_MPC_MAX_GRADIENT 5000
+
+enum {
+	KOOP_MPC_NEWTON = 0,  /* Newton steps on the free inputs: fastest */
+	KOOP_MPC_GRADIENT = 1 /* accelerated projected gradient without a matrix: least memory */
+};
+
+/* Number of reals of the controller's storage, for N lifted states of which n
+ * are tracked, m inputs and a horizon of H steps. */
+#define KOOP_MPC_MAX(a, b) ((a) > (b) ? (a) : (b))
+#define KOOP_MPC_WORK(N, m, H)                                                                               \
+	KOOP_MPC_MAX(2u * ((size_t)(m) + 1u) * KOOP_PAD(N), ((size_t)(m) + 1u) * (H) * (m))
+#define KOOP_MPC_REALS_GRADIENT(N, n, m, H)                                                                  \
+	((2u * (size_t)(n) * (m) + (n) + 8u * (m)) * (H) + KOOP_MPC_WORK(N, m, H))
+#define KOOP_MPC_REALS_NEWTON(N, n, m, H)                                                                    \
+	(KOOP_MPC_REALS_GRADIENT(N, n, m, H) + (size_t)(H) * (m) * ((size_t)(H) * (m) + 1u) / 2u + 1u)
+
 /* Number of bytes of a stored model with N lifted states and m inputs. */
 #define KOOP_MODEL_HEADER_BYTES 24u
 #define KOOPF_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 4u * (N) * ((N) + (m)))

@@ -194,3 +194,76 @@ int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size);
 /* Sets Theta of an initialised estimator. A model of another precision, size
  * or dictionary, or with a wrong checksum, is refused with KOOP_E_MODEL. */
 int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size);
+
+/* ---- Model predictive control -------------------------------------------------
+ *
+ * minimise over u[0..H-1] in [u_min, u_max]
+ *
+ *     sum over i = 1..H of |x[i] - reference[i]|^2_Q
+ *   + sum over i = 0..H-1 of |u[i]|^2_R + |u[i] - u[i-1]|^2_S
+ *
+ * subject to psi[i+1] = A psi[i] + B u[i] and x = the first n elements of psi
+ * (paper, eq. of section "Koopman-MPC with Online Learning", with the input-rate
+ * penalty S added). The model is condensed anew at every call, since it is
+ * learned at every step. */
+
+typedef struct KOOP(mpc_config) {
+	size_t n_lifted;         /* N */
+	size_t n_states;         /* n, tracked */
+	size_t n_inputs;         /* m */
+	size_t horizon;          /* H */
+	const KOOP_REAL *Q;      /* n x n, symmetric, positive semidefinite */
+	const KOOP_REAL *R;      /* m x m, symmetric, positive definite */
+	const KOOP_REAL *S;      /* m x m, symmetric, positive semidefinite; null: none */
+	const KOOP_REAL *u_min;  /* m */
+	const KOOP_REAL *u_max;  /* m */
+	const KOOP_REAL *u_safe; /* m, inside the box: what is given out when there is no plan */
+	KOOP_REAL tolerance;     /* of the KKT residual, in units of the inputs; 0: sqrt(epsilon) / 16 */
+	int method;              /* KOOP_MPC_NEWTON or KOOP_MPC_GRADIENT */
+} KOOP(mpc_config);
+
+typedef struct KOOP(mpc_result) {
+	/* The largest step that a gradient step, scaled by the Hessian's diagonal, would
+	 * still make inside the box: 0 at the optimum; units of the inputs. Where it is
+	 * above the tolerance, round-off or the bound on iterations came first. */
+	KOOP_REAL residual;
+	size_t iterations;
+} KOOP(mpc_result);
+
+/* The controller. The caller owns it, its storage, and what the configuration
+ * points to. */
+typedef struct KOOP(mpc) {
+	KOOP(mpc_config) config;
+	KOOP_REAL *markov;                          /* n rows of H m: C A^k B, k = 0..H-1 */
+	KOOP_REAL *markov_q;                        /* Q times that */
+	KOOP_REAL *state;                           /* scratch: n rows of H */
+	KOOP_REAL *linear;                          /* linear term, H m */
+	KOOP_REAL *diagonal;                        /* of the Hessian, H m */
+	KOOP_REAL *plan;                            /* H m, last input first */
+	KOOP_REAL *gradient, *trial, *other, *step; /* scratch: H m each */
+	KOOP_REAL *work;                            /* scratch */
+	KOOP_REAL *set;                             /* H m: 0 free, -1 at its lower bound, 1 at its upper */
+	KOOP_REAL *factor; /* packed Cholesky factor over the free inputs; null without Newton */
+	size_t n_free;
+} KOOP(mpc);
+
+/* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals. */
+int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, KOOP_REAL *storage, size_t reals);
+
+/* Forgets the plan: the next solve starts from u_safe. */
+int KOOP(mpc_reset)(KOOP(mpc) *mpc);
+
+/* u (m) = first input of the best plan from psi (N) along reference (H rows of
+ * n: where x should be at the next steps). theta is laid out as rls.theta is;
+ * u_before (m), the input applied last, is read only with S. Starts from the
+ * last plan, shifted. `result` may be null.
+ *
+ * When there is no plan (a status other than KOOP_OK: a model that is not
+ * finite or predicts beyond range, a Hessian that is not positive definite in
+ * this precision), u is u_safe and the plan is forgotten. u is never NaN and
+ * never outside the box, unless the status is KOOP_E_NULL. */
+int KOOP(mpc_solve)(KOOP(mpc) *mpc, const KOOP_REAL *theta, const KOOP_REAL *psi, const KOOP_REAL *reference,
+                    const KOOP_REAL *u_before, KOOP_REAL *u, KOOP(mpc_result) *result);
+
+/* The whole plan, H rows of m, first input first. */
+int KOOP(mpc_plan)(const KOOP(mpc) *mpc, KOOP_REAL *plan);

@@ -19,3 +19,5 @@
 #include "rls.c"
 #include "threshold.c"
 #include "model.c"
+
+#include "mpc.c"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import fit, learn, results, scenario, sim, windup
+from tinykoop import control, fit, learn, results, scenario, sim, windup
 from tinykoop.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -64,6 +64,46 @@ def test_learn_plots(learned):
     plots = sorted(path.name for path in learned.glob("*.png"))
     assert plots == ["learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
     assert not list(learned.glob("*.part"))
+
+
+@pytest.fixture(scope="module")
+def controlled(tmp_path_factory):
+    out = tmp_path_factory.mktemp("control")
+    control.run(out)
+    rows = strict_json(out / "control.json")
+    return {(r["dictionary"], r["regulator"], r["precision"]): r for r in rows}
+
+
+# Independent reproduction in NumPy with another solver: error, its band, energy
+TRACKED = {
+    "offline": (0.04686, 0.02, 3.544),
+    "dz_cs": (0.0409, 0.08, 3.553),
+    "dz_ks": (0.0383, 0.02, 3.541),
+    "ct": (0.0452, 0.02, 3.571),
+    "sift": (0.0383, 0.02, 3.567),
+}
+
+
+@pytest.mark.parametrize("regulator", TRACKED)
+def test_control_bands(controlled, regulator):
+    error, band, energy = TRACKED[regulator]
+    row, narrow = (controlled["rbf", regulator, precision] for precision in ("f64", "f32"))
+    assert abs(row["mean_error"] / error - 1) < band
+    assert abs(row["control_energy"] / energy - 1) < 0.01
+    assert row["fallback_rate"] == narrow["fallback_rate"] == 0
+    assert abs(narrow["mean_error"] / row["mean_error"] - 1) < 0.05
+    assert row["kkt_residual_max"] < 1e-8
+    assert set(row["solve_us"]) == {"median", "p95", "max"}
+
+
+def test_vanilla_rbf_fails_to_control(controlled):
+    row = controlled["rbf", "ef", "f64"]
+    assert row["fallback_rate"] >= 0.97 and row["mean_error"] > 20
+
+
+@pytest.mark.parametrize("regulator, error", [("ct", 0.0391), ("sift", 0.0394)])
+def test_poly_that_keeps_the_path(controlled, regulator, error):
+    assert abs(controlled["poly", regulator, "f64"]["mean_error"] / error - 1) < 0.02
 
 
 def test_departure_is_the_first_step_beyond_the_bound():

@@ -20,10 +20,11 @@ def parser():
         command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
         return command
 
-    demo = add("demo", "everything: learning, ablations, precision study, replay of real logs")
+    demo = add("demo", "everything: learning, control, ablations, precision study, replay of real logs")
     demo.add_argument("--log", help="replay this log instead of those in --data")
     demo.add_argument("--data", default=ROOT.parent / "shared/data", help="folder of real logs")
     add("learn", "one-step learning of the DDR, the paper's table")
+    add("control", "Koopman-MPC tracking of the DDR, the paper's table")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     add("windup", "float32 against float64 for every dictionary, regulator and form")
     add("bench", "the update against peers, side by side")

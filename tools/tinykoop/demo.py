@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from . import ablate, learn, replay, windup
+from . import ablate, control, learn, replay, windup
 from .results import console
 
 # Real logs that may lie beside the checkout; they are not part of the project.
@@ -10,8 +10,9 @@ REAL_LOGS = ("norlab_drive/warthog_gravel.csv", "flapper/pitch_wind_step_fan500.
 
 
 def run(out, data, log=None):
-    """Learning, ablations and precision study of the DDR; then the given log, or the real ones in `data`."""
+    """Learning, control, ablations and precision study of the DDR; then the given log, or the real ones in `data`."""
     learn.run(out)
+    control.run(out)
     ablate.run(out)
     windup.run(out)
     logs = [log] if log else [Path(data) / name for name in REAL_LOGS if (Path(data) / name).exists()]

@@ -66,6 +66,32 @@ class _Trace(ct.Structure):
     ]
 
 
+class _MpcSettings(ct.Structure):
+    _fields_ = [
+        ("horizon", ct.c_size_t),
+        ("q", ct.c_double * 3),
+        ("r", ct.c_double * 2),
+        ("u_min", ct.c_double * 2),
+        ("u_max", ct.c_double * 2),
+        ("tolerance", ct.c_double),
+        ("method", ct.c_int),
+    ]
+
+
+class _ControlTrace(ct.Structure):
+    _fields_ = [
+        ("x", _DOUBLES),
+        ("u", _DOUBLES),
+        ("status", _INTS),
+        ("residual", _DOUBLES),
+        ("iterations", _INTS),
+        ("solve_us", _DOUBLES),
+        ("every", ct.c_size_t),
+        ("theta", _DOUBLES),
+        ("covariance", _DOUBLES),
+    ]
+
+
 class _Soak(ct.Structure):
     _fields_ = [
         ("updates", ct.c_uint64),
@@ -153,21 +179,44 @@ def usual_effect(name, t0=0.0, t1=float("inf")):
     return Effect(name, tuple(row[4] for row in effects()[name][1]), t0, t1)
 
 
-def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=()):
-    """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
-    u = _in(u, 2)
-    x0 = _in(x0)
-    x = np.empty((len(u) + 1, 3))
+def _active_effects(active):
     c_effects = (_Active * max(len(active), 1))()
     for slot, effect in zip(c_effects, active):
         slot.effect = effect.name.encode()
         slot.parameters = (ct.c_double * _MAX_PARAMETERS)(*effect.parameters)
         slot.t0, slot.t1 = effect.t0, effect.t1
+    return c_effects
+
+
+def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=()):
+    """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
+    u = _in(u, 2)
+    x0 = _in(x0)
+    x = np.empty((len(u) + 1, 3))
+    c_effects = _active_effects(active)
     _check(
         "tk_ddr_simulate", c_effects, ct.c_size_t(len(active)), ct.c_double(dt), ct.c_size_t(len(u)),
         _doubles(x0), _doubles(u), _doubles(x),
     )  # fmt: skip
     return x
+
+
+# ---- control ---------------------------------------------------------------------------------
+
+MPC_NEWTON, MPC_GRADIENT = 0, 1
+
+
+@dataclass(frozen=True)
+class Mpc:
+    """Koopman-MPC of the DDR; the defaults are the paper's."""
+
+    horizon: int = 50
+    q: tuple = (20.0, 20.0, 3.0)  # diagonal of Q
+    r: tuple = (0.05, 0.08)  # diagonal of R
+    u_min: tuple = (0.0, -1.2)  # m/s, rad/s
+    u_max: tuple = (3.5, 1.2)
+    tolerance: float = 0.0  # of the KKT residual; 0: the library's
+    method: int = MPC_NEWTON
 
 
 # ---- estimator -------------------------------------------------------------------------------
@@ -268,6 +317,37 @@ class Estimator:
         _check(
             "tk_replay", self._handle, ct.c_size_t(K), _doubles(x), _doubles(u), _ints(usable),
             ct.c_int(learn), ct.byref(c_trace),
+        )  # fmt: skip
+        return out
+
+    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0):
+        """Drives the DDR along `reference` (steps + horizon + 1, 3) with Koopman-MPC on this model.
+
+        Returns a dict of traces, one row for each step: u, status (not 0: the safe input was
+        given), residual (KKT), iterations, solve_us; x has one row more; with every > 0 theta and
+        covariance as in replay().
+        """
+        reference, x0 = _in(reference, 3), _in(x0)
+        if len(reference) < steps + mpc.horizon + 1:
+            raise ValueError(f"{len(reference)} rows of reference do not cover {steps} steps and the horizon")
+        out = {"x": np.empty((steps + 1, 3)), "u": np.empty((steps, 2))}
+        out |= {name: np.empty(steps) for name in ("residual", "solve_us")}
+        out |= {name: np.empty(steps, np.int32) for name in ("status", "iterations")}
+        if every:
+            count = -(-steps // every)
+            out["theta"] = np.empty((count, self.N, self.d))
+            out["covariance"] = np.empty((count, self.d, self.d))
+        c_trace = _ControlTrace(every=every)
+        for name, array in out.items():
+            setattr(c_trace, name, _ints(array) if array.dtype == np.int32 else _doubles(array))
+        settings = _MpcSettings(
+            mpc.horizon, (ct.c_double * 3)(*mpc.q), (ct.c_double * 2)(*mpc.r), (ct.c_double * 2)(*mpc.u_min),
+            (ct.c_double * 2)(*mpc.u_max), mpc.tolerance, mpc.method,
+        )  # fmt: skip
+        _check(
+            "tk_control", self._handle, ct.byref(settings), _active_effects(active), ct.c_size_t(len(active)),
+            ct.c_double(dt), ct.c_size_t(steps), _doubles(x0), _doubles(reference), ct.c_int(learn),
+            ct.byref(c_trace),
         )  # fmt: skip
         return out
 

@@ -1,0 +1,104 @@
+/* Closed loop in one precision: lift, plan, move, learn. Included by estimator.c
+ * twice, after estimator_real.h. The plant stays in double. */
+
+typedef struct SIM(controller) {
+	KOOP(mpc) mpc;
+	REAL Q[9], R[4], u_min[2], u_max[2], u_safe[2];
+	REAL *storage;
+	REAL *reference; /* horizon rows of 3 */
+} SIM(controller);
+
+static void SIM(controller_close)(SIM(controller) * c) {
+	free(c->storage);
+	free(c->reference);
+}
+
+static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, size_t N) {
+	*c = (SIM(controller)){0};
+	for (size_t i = 0; i < 3; i++) { c->Q[4 * i] = (REAL)s->q[i]; }
+	for (size_t j = 0; j < 2; j++) {
+		c->R[3 * j] = (REAL)s->r[j];
+		c->u_min[j] = (REAL)s->u_min[j];
+		c->u_max[j] = (REAL)s->u_max[j];
+	}
+	const KOOP(mpc_config) config = {
+	    .n_lifted = N,
+	    .n_states = 3,
+	    .n_inputs = 2,
+	    .horizon = s->horizon,
+	    .Q = c->Q,
+	    .R = c->R,
+	    .u_min = c->u_min,
+	    .u_max = c->u_max,
+	    .u_safe = c->u_safe,
+	    .tolerance = (REAL)s->tolerance,
+	    .method = s->method,
+	};
+	const size_t reals = KOOP_MPC_REALS_NEWTON(N, 3, 2, s->horizon);
+	c->storage = calloc(reals, sizeof(REAL));
+	c->reference = calloc(3 * s->horizon, sizeof(REAL));
+	if (!c->storage || !c->reference) {
+		SIM(controller_close)(c);
+		return fail("out of memory");
+	}
+	const int status = KOOP(mpc_init)(&c->mpc, &config, c->storage, reals);
+	if (status != KOOP_OK) {
+		SIM(controller_close)(c);
+		return fail("controller: %s", KOOP(status_message)(status));
+	}
+	return TK_OK;
+}
+
+static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr *robot, size_t steps,
+                        const double *reference, int learn, const tk_control_trace *trace) {
+	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors, H = settings->horizon;
+	SIM(controller) c;
+	double x[3];
+	size_t snapshot = 0;
+	if (e->rls.config.dictionary->n_states != 3 || d != N + 2) {
+		return fail("control: the dictionary is not one of the differential-drive robot");
+	}
+	if (SIM(controller_open)(&c, settings, N) != TK_OK) { return TK_ERROR; }
+
+	ddr_measure(robot, x);
+	int lifted = SIM(lift_one)(e, x, e->psi);
+	for (size_t k = 0; k < steps; k++) {
+		KOOP(mpc_result) result = {0};
+		if (trace->x) { memcpy(trace->x + 3 * k, x, sizeof x); }
+		if (trace->every && k % trace->every == 0) {
+			if (trace->theta) { SIM(get_theta)(e, trace->theta + snapshot * N * d); }
+			if (trace->covariance) { SIM(get_covariance)(e, trace->covariance + snapshot * d * d); }
+			snapshot++;
+		}
+
+		for (size_t i = 0; i < 3 * H; i++) { c.reference[i] = (REAL)reference[3 * (k + 1) + i]; }
+		e->u[0] = e->u[1] = 0;
+		const double start = microseconds();
+		int status = lifted;
+		if (lifted == KOOP_OK) {
+			status = KOOP(mpc_solve)(&c.mpc, e->rls.theta, e->psi, c.reference, NULL, e->u, &result);
+		}
+		const double took = microseconds() - start;
+
+		const double u[2] = {e->u[0], e->u[1]};
+		ddr_step(robot, u);
+		ddr_measure(robot, x);
+		const int next = SIM(lift_one)(e, x, e->psi_next);
+		if (learn && lifted == KOOP_OK && next == KOOP_OK) {
+			KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, NULL);
+		}
+		REAL *swap = e->psi;
+		e->psi = e->psi_next;
+		e->psi_next = swap;
+		lifted = next;
+
+		if (trace->u) { memcpy(trace->u + 2 * k, u, sizeof u); }
+		if (trace->status) { trace->status[k] = status; }
+		if (trace->residual) { trace->residual[k] = result.residual; }
+		if (trace->iterations) { trace->iterations[k] = (int32_t)result.iterations; }
+		if (trace->solve_us) { trace->solve_us[k] = took; }
+	}
+	if (trace->x) { memcpy(trace->x + 3 * steps, x, sizeof x); }
+	SIM(controller_close)(&c);
+	return TK_OK;
+}

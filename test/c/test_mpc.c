@@ -1,0 +1,328 @@
+/* The controller against the quadratic program written out: a dense Hessian from
+ * simulated unit inputs, solved by coordinate descent in long double. */
+#include "support.h"
+
+enum { MOST_LIFTED = 6, MOST_STATES = 3, MOST_INPUTS = 2, MOST_H = 12, MOST_V = MOST_H * MOST_INPUTS };
+
+/* One random problem. Theta is laid out as rls.theta is. */
+typedef struct {
+	size_t N, n, m, H;
+	real theta[(MOST_LIFTED + MOST_INPUTS) * KOOP_PAD(MOST_LIFTED)];
+	real Q[MOST_STATES * MOST_STATES], R[MOST_INPUTS * MOST_INPUTS], S[MOST_INPUTS * MOST_INPUTS];
+	real low[MOST_INPUTS], high[MOST_INPUTS], safe[MOST_INPUTS];
+	real psi[MOST_LIFTED], reference[MOST_H * MOST_STATES], before[MOST_INPUTS];
+	KOOP(mpc_config) config;
+} problem;
+
+static real storage[KOOP_MPC_REALS_NEWTON(MOST_LIFTED, MOST_STATES, MOST_INPUTS, MOST_H)];
+static KOOP(mpc) mpc;
+
+/* M = L L' + floor I, symmetric, full */
+static void random_weight(random_source *random, real *M, size_t n, double floor) {
+	real L[MOST_STATES * MOST_STATES];
+	random_fill(random, L, n * n, -1, 1);
+	for (size_t i = 0; i < n; i++) {
+		for (size_t j = 0; j <= i; j++) {
+			wide sum = i == j ? (wide)floor : 0;
+			for (size_t k = 0; k < n; k++) { sum += (wide)L[i * n + k] * (wide)L[j * n + k]; }
+			M[i * n + j] = M[j * n + i] = (real)sum;
+		}
+	}
+}
+
+static void random_problem(random_source *random, problem *p, int method) {
+	memset(p, 0, sizeof *p);
+	p->N = 1 + random_below(random, MOST_LIFTED);
+	p->n = 1 + random_below(random, p->N < MOST_STATES ? p->N : MOST_STATES);
+	p->m = 1 + random_below(random, MOST_INPUTS);
+	p->H = 1 + random_below(random, MOST_H);
+	const size_t rows = KOOP_PAD(p->N);
+	const int no_input = random_below(random, 20) == 0; /* B = 0 */
+	for (size_t j = 0; j < p->N + p->m; j++) {
+		/* spectral radius about 1: longer horizons of unstable models are ill-conditioned beyond float */
+		const double size = j < p->N ? 1.6 / sqrt((double)p->N) : no_input ? 0 : 1;
+		random_fill(random, p->theta + j * rows, p->N, -size, size);
+	}
+	random_weight(random, p->Q, p->n, 0);
+	random_weight(random, p->R, p->m, 0.05);
+	random_weight(random, p->S, p->m, 0);
+	const double box = random_below(random, 3) == 0 ? 10 : random_below(random, 2) ? 0.5 : 0.02;
+	for (size_t j = 0; j < p->m; j++) {
+		p->low[j] = random_uniform(random, -box, 0);
+		p->high[j] = random_uniform(random, 0, box);
+	}
+	random_fill(random, p->psi, p->N, -1, 1);
+	random_fill(random, p->reference, p->H * p->n, -2, 2);
+	random_fill(random, p->before, p->m, -box, box);
+	p->config = (KOOP(mpc_config)){
+	    .n_lifted = p->N,
+	    .n_states = p->n,
+	    .n_inputs = p->m,
+	    .horizon = p->H,
+	    .Q = p->Q,
+	    .R = p->R,
+	    .S = random_below(random, 2) ? p->S : NULL,
+	    .u_min = p->low,
+	    .u_max = p->high,
+	    .u_safe = p->safe,
+	    .method = method,
+	};
+}
+
+/* The first n lifted states at steps 1..H under u (H rows of m), from the problem's psi or from 0. */
+static void simulate(const problem *p, const wide *u, int from_psi, wide *x) {
+	wide z[MOST_LIFTED] = {0}, next[MOST_LIFTED];
+	for (size_t i = 0; from_psi && i < p->N; i++) { z[i] = p->psi[i]; }
+	for (size_t k = 0; k < p->H; k++) {
+		for (size_t i = 0; i < p->N; i++) {
+			next[i] = 0;
+			for (size_t j = 0; j < p->N; j++) { next[i] += (wide)p->theta[j * KOOP_PAD(p->N) + i] * z[j]; }
+			for (size_t j = 0; j < p->m; j++) {
+				next[i] += (wide)p->theta[(p->N + j) * KOOP_PAD(p->N) + i] * u[k * p->m + j];
+			}
+		}
+		memcpy(z, next, sizeof z);
+		memcpy(x + k * p->n, z, p->n * sizeof *x);
+	}
+}
+
+/* half gradient of the cost: sum over i of X[i]' Q e[i] + R u + rate terms, for X the response to each input
+ */
+typedef struct {
+	size_t V;
+	wide hessian[MOST_V][MOST_V], linear[MOST_V];
+} dense;
+
+static void write_out(const problem *p, dense *d) {
+	static wide response[MOST_V][MOST_H * MOST_STATES];
+	wide u[MOST_V] = {0}, error[MOST_H * MOST_STATES];
+	const size_t n = p->n, m = p->m, V = p->H * m;
+	d->V = V;
+	simulate(p, u, 1, error);
+	for (size_t i = 0; i < p->H * n; i++) { error[i] -= p->reference[i]; }
+	for (size_t q = 0; q < V; q++) {
+		u[q] = 1;
+		simulate(p, u, 0, response[q]);
+		u[q] = 0;
+	}
+	for (size_t q = 0; q < V; q++) {
+		d->linear[q] = 0;
+		for (size_t k = 0; k < p->H; k++) {
+			for (size_t i = 0; i < n; i++) {
+				for (size_t j = 0; j < n; j++) {
+					d->linear[q] += response[q][k * n + i] * (wide)p->Q[i * n + j] * error[k * n + j];
+				}
+			}
+		}
+		for (size_t r = 0; r < V; r++) {
+			wide sum = q / m == r / m ? (wide)p->R[q % m * m + r % m] : 0;
+			for (size_t k = 0; k < p->H; k++) {
+				for (size_t i = 0; i < n; i++) {
+					for (size_t j = 0; j < n; j++) {
+						sum += response[q][k * n + i] * (wide)p->Q[i * n + j] * response[r][k * n + j];
+					}
+				}
+			}
+			d->hessian[q][r] = sum;
+		}
+	}
+	if (!p->config.S) { return; }
+	/* |u[k] - u[k-1]|^2_S */
+	for (size_t k = 0; k < p->H; k++) {
+		for (size_t i = 0; i < m; i++) {
+			for (size_t j = 0; j < m; j++) {
+				const wide s = p->S[i * m + j];
+				d->hessian[k * m + i][k * m + j] += s;
+				if (k == 0) {
+					d->linear[i] -= s * p->before[j];
+				} else {
+					d->hessian[(k - 1) * m + i][(k - 1) * m + j] += s;
+					d->hessian[(k - 1) * m + i][k * m + j] -= s;
+					d->hessian[k * m + i][(k - 1) * m + j] -= s;
+				}
+			}
+		}
+	}
+}
+
+static wide clipped(const problem *p, size_t q, wide v) {
+	const wide low = p->low[q % p->m], high = p->high[q % p->m];
+	return v < low ? low : v > high ? high : v;
+}
+
+static wide dense_gradient(const dense *d, const wide *v, size_t q) {
+	wide sum = d->linear[q];
+	for (size_t r = 0; r < d->V; r++) { sum += d->hessian[q][r] * v[r]; }
+	return sum;
+}
+
+static void solve_slowly(const problem *p, const dense *d, wide *v) {
+	for (size_t q = 0; q < d->V; q++) { v[q] = clipped(p, q, 0); }
+	wide largest = 1;
+	for (int sweep = 0; sweep < 200000 && largest > 1e-15L; sweep++) {
+		largest = 0;
+		for (size_t q = 0; q < d->V; q++) {
+			const wide next = clipped(p, q, v[q] - dense_gradient(d, v, q) / d->hessian[q][q]);
+			const wide change = next > v[q] ? next - v[q] : v[q] - next;
+			if (change > largest) { largest = change; }
+			v[q] = next;
+		}
+	}
+}
+
+/* What the header calls the residual, from the dense problem. */
+static wide dense_residual(const problem *p, const dense *d, const wide *v) {
+	wide largest = 0;
+	for (size_t q = 0; q < d->V; q++) {
+		const wide step = clipped(p, q, v[q] - dense_gradient(d, v, q) / d->hessian[q][q]) - v[q];
+		if (fabsl(step) > largest) { largest = fabsl(step); }
+	}
+	return largest;
+}
+
+static void check_problem(const problem *p, int round, double allowed) {
+	static dense d;
+	real u[MOST_INPUTS], plan[MOST_V];
+	wide best[MOST_V], got[MOST_V];
+	KOOP(mpc_result) result;
+	write_out(p, &d);
+	solve_slowly(p, &d, best);
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p->config, storage, sizeof storage / sizeof *storage));
+	for (int warm = 0; warm < 2; warm++) {
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p->theta, p->psi, p->reference, p->before, u, &result));
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
+		for (size_t q = 0; q < d.V; q++) {
+			got[q] = plan[q];
+			CHECK(fabsl(got[q] - best[q]) <= allowed,
+			      "round %d: N %zu n %zu m %zu H %zu: u[%zu] %.12Lg, not %.12Lg", round, p->N, p->n, p->m,
+			      p->H, q, got[q], best[q]);
+			CHECK(plan[q] >= p->low[q % p->m] && plan[q] <= p->high[q % p->m], "round %d: outside the box",
+			      round);
+		}
+		TEST_ASSERT_TRUE(memcmp(u, plan, p->m * sizeof *u) == 0);
+		const wide residual = dense_residual(p, &d, got);
+		CHECK(fabsl(residual - result.residual) <= 2000 * REAL_EPSILON, "round %d: residual %g, is %Lg",
+		      round, (double)result.residual, residual);
+	}
+}
+
+static void test_newton(void) {
+	random_source random = random_seed(1);
+	for (int round = 0; round < 1500; round++) {
+		problem p;
+		random_problem(&random, &p, KOOP_MPC_NEWTON);
+		check_problem(&p, round, TEST_DOUBLE ? 1e-8 : 1e-3);
+	}
+}
+
+static void test_gradient(void) {
+	random_source random = random_seed(2);
+	for (int round = 0; round < 500; round++) {
+		problem p;
+		random_problem(&random, &p, KOOP_MPC_GRADIENT);
+		p.config.tolerance = (real)(TEST_DOUBLE ? 1e-11 : 1e-6);
+		check_problem(&p, round, TEST_DOUBLE ? 1e-8 : 1e-3);
+	}
+}
+
+/* A model that cannot be used gives the safe input and a status, and no trace of it stays. */
+static void test_unusable_model(void) {
+	random_source random = random_seed(3);
+	for (int method = 0; method < 2; method++) {
+		static const double bad[] = {NAN, INFINITY, 0, 0};
+		for (size_t k = 0; k < 4; k++) {
+			problem p;
+			real u[MOST_INPUTS], again[MOST_INPUTS], expected[MOST_INPUTS];
+			do { random_problem(&random, &p, method); } while (p.H < 4);
+			const real before = p.theta[0];
+			CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.config, storage, sizeof storage / sizeof *storage));
+			CHECK_STATUS(KOOP_OK,
+			             KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, expected, NULL));
+			p.theta[0] = k < 2 ? (real)bad[k] : k == 2 ? REAL_MAX : -REAL_MAX;
+			CHECK_STATUS(KOOP_E_OVERFLOW,
+			             KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, u, NULL));
+			for (size_t j = 0; j < p.m; j++) { TEST_ASSERT_TRUE(u[j] == p.safe[j]); }
+			p.theta[0] = before;
+			CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, again, NULL));
+			for (size_t j = 0; j < p.m; j++) {
+				CHECK(fabs((double)(again[j] - expected[j])) < 1e-3, "%g after %g", (double)again[j],
+				      (double)expected[j]);
+			}
+		}
+	}
+}
+
+static void test_arguments(void) {
+	random_source random = random_seed(4);
+	problem p;
+	real u[MOST_INPUTS];
+	const size_t reals = sizeof storage / sizeof *storage;
+	do { random_problem(&random, &p, KOOP_MPC_NEWTON); } while (p.m < 2 || !p.config.S);
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_init)(NULL, &p.config, storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_init)(&mpc, NULL, storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_init)(&mpc, &p.config, NULL, reals));
+
+	const size_t exact = KOOP_MPC_REALS_NEWTON(p.N, p.n, p.m, p.H);
+	CHECK_STATUS(KOOP_E_STORAGE, KOOP(mpc_init)(&mpc, &p.config, storage, exact - 1));
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.config, storage, exact));
+
+#define REFUSED(status, change)                                                                              \
+	do {                                                                                                     \
+		KOOP(mpc_config) c = p.config;                                                                       \
+		c.change;                                                                                            \
+		CHECK_STATUS(status, KOOP(mpc_init)(&mpc, &c, storage, reals));                                      \
+	} while (0)
+	real bad[MOST_STATES * MOST_STATES] = {0};
+	REFUSED(KOOP_E_NULL, Q = NULL);
+	REFUSED(KOOP_E_NULL, R = NULL);
+	REFUSED(KOOP_E_NULL, u_min = NULL);
+	REFUSED(KOOP_E_NULL, u_max = NULL);
+	REFUSED(KOOP_E_NULL, u_safe = NULL);
+	REFUSED(KOOP_E_SIZE, n_lifted = 0);
+	REFUSED(KOOP_E_SIZE, n_states = 0);
+	REFUSED(KOOP_E_SIZE, n_states = p.N + 1);
+	REFUSED(KOOP_E_SIZE, n_inputs = 0);
+	REFUSED(KOOP_E_SIZE, n_inputs = KOOP_MAX_DIM);
+	REFUSED(KOOP_E_SIZE, horizon = 0);
+	REFUSED(KOOP_E_SIZE, horizon = KOOP_MPC_MAX_HORIZON + 1);
+	REFUSED(KOOP_E_RANGE, R = bad);
+	REFUSED(KOOP_E_RANGE, u_max = p.low);
+	p.safe[0] = p.high[0] + 1;
+	REFUSED(KOOP_E_RANGE, u_safe = p.safe);
+	p.safe[0] = 0;
+	REFUSED(KOOP_E_RANGE, tolerance = -1);
+	REFUSED(KOOP_E_RANGE, tolerance = (real)NAN);
+	REFUSED(KOOP_E_RANGE, method = 2);
+	bad[0] = (real)NAN;
+	REFUSED(KOOP_E_INPUT, Q = bad);
+	REFUSED(KOOP_E_INPUT, S = bad);
+	REFUSED(KOOP_E_INPUT, u_min = bad);
+
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.config, storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(NULL, p.theta, p.psi, p.reference, p.before, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&mpc, NULL, p.psi, p.reference, p.before, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&mpc, p.theta, NULL, p.reference, p.before, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&mpc, p.theta, p.psi, NULL, p.before, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, NULL, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, NULL, NULL));
+	real *const inputs[] = {p.psi, p.reference, p.before};
+	for (size_t i = 0; i < 3; i++) {
+		const real kept = *inputs[i];
+		*inputs[i] = (real)NAN;
+		CHECK_STATUS(KOOP_E_INPUT, KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, u, NULL));
+		for (size_t j = 0; j < p.m; j++) { TEST_ASSERT_TRUE(u[j] == p.safe[j]); }
+		*inputs[i] = kept;
+	}
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_plan)(NULL, u));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_plan)(&mpc, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_reset)(NULL));
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_newton);
+	RUN_TEST(test_gradient);
+	RUN_TEST(test_unusable_model);
+	RUN_TEST(test_arguments);
+	return UNITY_END();
+}

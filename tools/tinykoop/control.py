@@ -1,0 +1,203 @@
+"""Closed-loop tracking of the DDR: the paper's table "DDR Control Performance with Learning".
+
+Each method first learns on the one-step run and goes on from there: Theta and P are carried over, as
+the paper's 100 % fallback of vanilla RBF implies. The reference is the nominal robot's trajectory
+under the same commands; slip and friction come and go at steps 400, 800, 1200 and 1600.
+
+Fallback: where the solver gives a status other than KOOP_OK (a model or a prediction that is not
+finite, a Hessian that is not positive definite), the safe input (0, 0) is applied and counted.
+"""
+
+import numpy as np
+
+from . import plots, scenario, sim
+from .results import number, output_folder, print_table, progress, write_json
+
+STEPS = 2000
+EDGES = (400, 800, 1200, 1600)
+MPC = sim.Mpc()  # the paper's weights, box and horizon
+
+# Paper: mean error, control energy, fallback rate
+PAPER = {
+    ("rbf", "offline"): (4.46e-2, 3.53, 0.0),
+    ("poly", "ef"): (0.195, 3.91, 0.0090),
+    ("poly", "dz_cs"): (36.3, 3.43, 0.0045),
+    ("poly", "dz_ks"): (9.70, 6.52, 0.0030),
+    ("poly", "ct"): (70.2, 0.334, 0.0265),
+    ("poly", "sift"): (0.136, 3.78, 0.0085),
+    ("rbf", "ef"): (73.1, 1.19, 1.0),
+    ("rbf", "dz_cs"): (3.85e-2, 3.57, 0.0),
+    ("rbf", "dz_ks"): (3.93e-2, 3.55, 0.0),
+    ("rbf", "ct"): (4.26e-2, 3.54, 0.0),
+    ("rbf", "sift"): (3.90e-2, 3.54, 0.0),
+}
+
+
+def reference_path():
+    """The nominal robot's states (STEPS + horizon + 1, 3) under the paper's commands."""
+    return sim.simulate(scenario.commands(STEPS + MPC.horizon), scenario.DT)
+
+
+def track(method, precision, x, u, reference):
+    """(row of control.json, trace) of one method; x, u is the run it learns on first."""
+    estimator, _ = scenario.run(method, precision, x, u)
+    trace = estimator.control(
+        MPC, reference, scenario.DT, STEPS, reference[0], scenario.effects(EDGES),
+        learn=method.regulator != "offline", every=scenario.ROLLOUT_STRIDE,
+    )  # fmt: skip
+    trace["error"] = np.linalg.norm(trace["x"][1:] - reference[1 : STEPS + 1], axis=1)
+    row = {
+        "dictionary": method.dictionary,
+        "regulator": method.regulator,
+        "precision": f"f{precision}",
+        "steps": STEPS,
+        "mean_error": float(trace["error"].mean()),
+        "control_energy": float(np.mean(np.sum(trace["u"] ** 2, axis=1))),
+        "fallback_rate": float(np.mean(trace["status"] != 0)),
+        "kkt_residual_max": float(np.max(trace["residual"])),
+        "solve_us": {
+            "median": float(np.median(trace["solve_us"])),
+            "p95": float(np.percentile(trace["solve_us"], 95)),
+            "max": float(np.max(trace["solve_us"])),
+        },
+    }
+    return row, trace
+
+
+def run(out):
+    """Writes control.json and its plots into `out`; returns the rows."""
+    out = output_folder(out)
+    x, u = scenario.drive()
+    reference = reference_path()
+    rows, traces = [], {}
+    jobs = [(method, precision) for precision in (64, 32) for method in scenario.METHODS]
+    for method, precision in progress(jobs, "control"):
+        row, trace = track(method, precision, x, u, reference)
+        rows.append(row)
+        if precision == 64:
+            traces[method] = trace
+    write_json(out / "control.json", rows)
+    report(rows)
+    draw_paths(out, traces, reference)
+    draw_errors(out, traces)
+    draw_inputs(out, traces)
+    draw_covariance(out, traces)
+    return rows
+
+
+def report(rows):
+    """The table beside the paper's."""
+    narrow = {(r["dictionary"], r["regulator"]): r for r in rows if r["precision"] == "f32"}
+    lines = []
+    for row in (r for r in rows if r["precision"] == "f64"):
+        key = row["dictionary"], row["regulator"]
+        error, energy, fallback = PAPER[key]
+        lines.append(
+            [
+                scenario.Method(*key).label,
+                f"{number(row['mean_error'])} ({number(error)})",
+                f"{number(row['control_energy'])} ({number(energy)})",
+                f"{100 * row['fallback_rate']:.2f} ({100 * fallback:.2f})",
+                number(narrow[key]["mean_error"]),
+                number(row["kkt_residual_max"], 1),
+                f"{row['solve_us']['median']:.0f} / {row['solve_us']['max']:.0f}",
+            ]
+        )
+    print_table(
+        "Tracking with Koopman-MPC, 2,000 steps: float64, the paper in brackets",
+        ["method", "mean error", "energy", "fallback %", "error f32", "KKT max", "solve us, median / max"],
+        lines,
+        "Poly, Poly (DZ-CS) and Poly (DZ-KS) are bistable: round-off decides whether one run keeps the path.",
+    )
+
+
+# ---- plots -----------------------------------------------------------------------------------
+
+
+def _mark(ax, names=True):
+    plots.mark_phases(ax, STEPS, names)
+
+
+def draw_paths(out, traces, reference):
+    """Driven path against the reference, one panel a dictionary."""
+    figure, axes = plots.plt.subplots(2, 1, figsize=(10, 5), sharex=True, sharey=True)
+    figure.suptitle("Driven paths: regulated RBF keeps to the reference, vanilla RBF stands still", x=0.01, ha="left")
+    for name, ax in zip(("poly", "rbf"), axes):
+        ax.plot(reference[:, 0], reference[:, 1], color="0.8", lw=4, label="reference")
+        for method, trace in traces.items():
+            if method.dictionary == name:
+                ax.plot(trace["x"][:, 0], trace["x"][:, 1], lw=1, label=method.label, **plots.STYLES[method.regulator])
+        ax.set_ylabel("$p_y$ (m)")
+        ax.legend(ncols=4, loc="lower right")
+    axes[0].set_ylim(reference[:, 1].min() - 1.5, reference[:, 1].max() + 1)
+    axes[1].set_xlabel("$p_x$ (m)")
+    plots.save(figure, out / "control_paths.png")
+
+
+def _over_time(out, traces, value, title, ylabel, name):
+    figure, axes = plots.plt.subplots(1, 2, figsize=(10, 3.8), sharey=True)
+    figure.suptitle(title, x=0.01, ha="left")
+    t = np.arange(STEPS) * scenario.DT
+    for method, trace in traces.items():
+        for key, ax in zip(("poly", "rbf"), axes):
+            if method.dictionary == key:
+                ax.semilogy(t, value(trace), lw=1.1, label=method.label, **plots.STYLES[method.regulator])
+    for key, ax in zip(("Poly", "RBF"), axes):
+        ax.set_title(key, pad=16)
+        _mark(ax)
+        ax.set_xlabel("time (s)")
+        ax.legend(ncols=2)
+    axes[0].set_ylabel(ylabel)
+    plots.save(figure, out / name)
+
+
+def draw_errors(out, traces):
+    """Tracking error over time."""
+    _over_time(
+        out, traces, lambda trace: np.maximum(trace["error"], 1e-4),
+        "Tracking error: regulated RBF stays within centimetres in every phase", "tracking error (m, rad)",
+        "control_errors.png",
+    )  # fmt: skip
+
+
+def draw_inputs(out, traces):
+    """Applied inputs with their limits."""
+    shown = [("rbf", "offline"), ("rbf", "sift"), ("rbf", "dz_cs"), ("poly", "dz_ks")]
+    figure, axes = plots.plt.subplots(2, 1, figsize=(10, 5), sharex=True)
+    figure.suptitle("Applied inputs and their limits (dashed): the controller uses the box and never leaves it", x=0.01, ha="left")
+    t = np.arange(STEPS) * scenario.DT
+    for column, (ax, label) in enumerate(zip(axes, ("$v$ (m/s)", "$\\omega$ (rad/s)"))):
+        for key in shown:
+            method = scenario.Method(*key)
+            ax.plot(t, traces[method]["u"][:, column], lw=0.9, label=method.label, **plots.STYLES[method.regulator])
+        for limit in (MPC.u_min[column], MPC.u_max[column]):
+            ax.axhline(limit, color="k", lw=0.8, ls="--")
+        _mark(ax, names=column == 0)
+        ax.set_ylabel(label)
+    axes[0].legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 0.95))
+    axes[1].set_xlabel("time (s)")
+    plots.save(figure, out / "control_inputs.png")
+
+
+def draw_covariance(out, traces):
+    """Largest eigenvalue and condition number of P while controlling."""
+    figure, axes = plots.plt.subplots(2, 2, figsize=(10, 5.6), sharex=True)
+    figure.suptitle("P in closed loop: bounded wherever it is regulated", x=0.01, ha="left")
+    t = np.arange(0, STEPS, scenario.ROLLOUT_STRIDE) * scenario.DT
+    for method, trace in traces.items():
+        if method.regulator == "offline":
+            continue
+        top, bottom = axes[:, ("poly", "rbf").index(method.dictionary)]
+        largest, condition = scenario.spectrum(trace["covariance"])
+        style = dict(lw=1.1, label=scenario.LABELS[method.regulator], **plots.STYLES[method.regulator])
+        top.semilogy(t, largest, **style)
+        bottom.semilogy(t, condition, **style)
+    for (top, bottom), name in zip(axes.T, ("Poly", "RBF")):
+        top.set_title(name, pad=16)
+        _mark(top)
+        _mark(bottom, names=False)
+        top.set_ylabel("$\\lambda_{max}(P)$")
+        bottom.set_ylabel("condition number of $P$")
+        bottom.set_xlabel("time (s)")
+        top.legend(ncols=2)
+    plots.save(figure, out / "control_covariance.png")

@@ -229,14 +229,17 @@ static int choose_free(KOOP(mpc) *mpc, const real *v, const real *gradient, int 
 	return changed;
 }
 
-/* the inputs that are not free to their bounds */
-static void press_to_bounds(const KOOP(mpc) *mpc, real *v) {
+/* The inputs that are not free to their bounds; returns whether any moved. */
+static int press_to_bounds(const KOOP(mpc) *mpc, real *v) {
 	const KOOP(mpc_config) *c = &mpc->config;
+	int moved = 0;
 	for (size_t q = 0; q < c->horizon * c->n_inputs; q++) {
-		if (mpc->set[q] != 0) {
-			v[q] = mpc->set[q] > 0 ? c->u_max[q % c->n_inputs] : c->u_min[q % c->n_inputs];
-		}
+		const size_t j = q % c->n_inputs;
+		const real to = mpc->set[q] == 0 ? v[q] : mpc->set[q] > 0 ? c->u_max[j] : c->u_min[j];
+		moved |= to != v[q];
+		v[q] = to;
 	}
+	return moved;
 }
 
 /* v over the free inputs to where the gradient vanishes, box or not */
@@ -252,10 +255,15 @@ static void newton_step(KOOP(mpc) *mpc, real *v, const real *gradient) {
 	}
 }
 
-static void clip_all(const KOOP(mpc_config) *c, real *v) {
+/* v into the box; returns whether it was outside. */
+static int clip_all(const KOOP(mpc_config) *c, real *v) {
+	int moved = 0;
 	for (size_t q = 0; q < c->horizon * c->n_inputs; q++) {
-		v[q] = clip(v[q], c->u_min[q % c->n_inputs], c->u_max[q % c->n_inputs]);
+		const real to = clip(v[q], c->u_min[q % c->n_inputs], c->u_max[q % c->n_inputs]);
+		moved |= to != v[q];
+		v[q] = to;
 	}
+	return moved;
 }
 
 /* One sweep of exact minimisation over each input in turn; never goes uphill.
@@ -295,13 +303,13 @@ static int active_set(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	for (size_t k = 0; k < MPC_ACTIVE_SET_STEPS && result->residual > mpc->config.tolerance; k++) {
 		const int changed = choose_free(mpc, v, gradient, 0);
 		copy(trial, v, V);
-		press_to_bounds(mpc, trial);
+		const int moved = press_to_bounds(mpc, trial);
 		if (changed) {
 			const int status = factor_free(mpc, mpc->n_free);
 			if (status != KOOP_OK) { return status; }
 		}
-		evaluate(mpc, trial, mpc->other);
-		newton_step(mpc, trial, mpc->other);
+		if (moved) { evaluate(mpc, trial, mpc->other); }
+		newton_step(mpc, trial, moved ? mpc->other : gradient);
 		const real residual = evaluate(mpc, trial, mpc->other);
 		result->iterations++;
 		/* on the same choice a step only refines the last: until round-off is reached */
@@ -310,8 +318,7 @@ static int active_set(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 		copy(gradient, mpc->other, V);
 		result->residual = residual;
 	}
-	clip_all(&mpc->config, v);
-	result->residual = evaluate(mpc, v, gradient);
+	if (clip_all(&mpc->config, v)) { result->residual = evaluate(mpc, v, gradient); }
 	return KOOP_OK;
 }
 
@@ -484,7 +491,6 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	shift_plan(mpc);
 	status = c->method == KOOP_MPC_NEWTON ? solve_newton(mpc, result) : solve_gradient(mpc, result);
 	if (status != KOOP_OK) { return status; }
-	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
 	return is_finite(result->residual) && all_finite(mpc->plan, c->horizon * c->n_inputs) ? KOOP_OK
 	                                                                                      : KOOP_E_OVERFLOW;
 }

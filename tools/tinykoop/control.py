@@ -87,18 +87,16 @@ def run(out):
 
 def report(rows):
     """The table beside the paper's."""
-    narrow = {(r["dictionary"], r["regulator"]): r for r in rows if r["precision"] == "f32"}
     lines = []
-    for row in (r for r in rows if r["precision"] == "f64"):
-        key = row["dictionary"], row["regulator"]
-        error, energy, fallback = PAPER[key]
+    for method, row, narrow in scenario.by_precision(rows):
+        error, energy, fallback = PAPER[method.dictionary, method.regulator]
         lines.append(
             [
-                scenario.Method(*key).label,
+                method.label,
                 f"{number(row['mean_error'])} ({number(error)})",
                 f"{number(row['control_energy'])} ({number(energy)})",
                 f"{100 * row['fallback_rate']:.2f} ({100 * fallback:.2f})",
-                number(narrow[key]["mean_error"]),
+                number(narrow["mean_error"]),
                 number(row["kkt_residual_max"], 1),
                 f"{row['solve_us']['median']:.0f} / {row['solve_us']['max']:.0f}",
             ]

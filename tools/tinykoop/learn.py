@@ -49,16 +49,14 @@ def run(out):
 
 def report(rows):
     """The table beside the paper's, float64, with what float32 makes of it."""
-    narrow = {(r["dictionary"], r["regulator"]): r for r in rows if r["precision"] == "f32"}
     lines = []
-    for row in (r for r in rows if r["precision"] == "f64"):
-        key = row["dictionary"], row["regulator"]
-        error, P, A, skip = scenario.PAPER[key]
-        ratio = narrow[key]["mean_error"] / row["mean_error"]
-        lost = [r["lost_positive_definite_at"] for r in (row, narrow[key])]
+    for method, row, narrow in scenario.by_precision(rows):
+        error, P, A, skip = scenario.PAPER[method.dictionary, method.regulator]
+        ratio = narrow["mean_error"] / row["mean_error"]
+        lost = [r["lost_positive_definite_at"] for r in (row, narrow)]
         lines.append(
             [
-                scenario.Method(*key).label,
+                method.label,
                 f"{number(row['mean_error'])} ({number(error)})",
                 f"{number(row['final_P_fro'])} ({number(P)})",
                 f"{number(row['final_A_fro'])} ({number(A)})",
@@ -191,19 +189,17 @@ def draw_covariance(out, t, traces):
 
 def draw_precision(out, rows):
     """float32 against float64, one bar for each method."""
-    f32 = [r for r in rows if r["precision"] == "f32"]
-    f64 = [r for r in rows if r["precision"] == "f64"]
-    labels = [scenario.Method(r["dictionary"], r["regulator"]).label for r in f64]
-    change = [100 * (a["mean_error"] / b["mean_error"] - 1) for a, b in zip(f32, f64)]
+    table = scenario.by_precision(rows)
     figure, ax = plots.plt.subplots(figsize=(8, 3.8))
     ax.set_title("float32 costs a few percent of one-step error at most, except where float64 fails too")
-    for i, (row, value) in enumerate(zip(f64, change)):
+    for i, (method, row, narrow) in enumerate(table):
+        value = 100 * (narrow["mean_error"] / row["mean_error"] - 1)
         shown = float(np.clip(value, -10, 10))
-        ax.barh(i, shown, color="0.75", edgecolor="k", hatch=plots.HATCHES[row["regulator"]])
+        ax.barh(i, shown, color="0.75", edgecolor="k", hatch=plots.HATCHES[method.regulator])
         side = "left" if shown >= 0 else "right"
         ax.annotate(f" {value:+.2f} % ", (shown, i), ha=side, va="center", fontsize=8)
     ax.axvspan(-3, 3, color="0.93", zorder=0)
-    ax.set_yticks(range(len(labels)), labels)
+    ax.set_yticks(range(len(table)), [method.label for method, _, _ in table])
     ax.invert_yaxis()
     ax.set_xlim(-14, 14)
     ax.set_xlabel("mean error of float32 relative to float64 (%), band: 3 %, cut off at 10 %")

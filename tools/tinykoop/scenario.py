@@ -104,6 +104,14 @@ def run(method, precision, x, u, *, every=0, form="plain", **settings):
     return estimator, estimator.replay(x, u, every=every)
 
 
+def by_precision(rows):
+    """[(method, its float64 row, its float32 row)] of a list of results."""
+    table = {}
+    for row in rows:
+        table.setdefault(Method(row["dictionary"], row["regulator"]), {})[row["precision"]] = row
+    return [(method, pair["f64"], pair["f32"]) for method, pair in table.items()]
+
+
 ROLLOUT_START, ROLLOUT_STRIDE = 200, 25
 HORIZONS = (1, 2, 5, 10, 20, 50)
 

@@ -5,12 +5,17 @@
 
 #include "message.h"
 
-extern const tk_effect pacejka_slip, stribeck_friction;
+/* One line each. */
+#define EFFECTS(EFFECT)                                                                                      \
+	EFFECT(pacejka_slip)                                                                                     \
+	EFFECT(stribeck_friction)
 
-static const tk_effect *const table[] = {
-    &pacejka_slip,
-    &stribeck_friction,
-};
+#define DECLARE(name) extern const tk_effect name;
+#define ENTER(name) &name,
+
+EFFECTS(DECLARE)
+
+static const tk_effect *const table[] = {EFFECTS(ENTER)};
 
 enum { COUNT = sizeof table / sizeof *table };
 

@@ -1,6 +1,6 @@
 /* The interface of an unmodelled effect.
  *
- * To add one: write effects/NAME.c, name it in effects.c and CMakeLists.txt.
+ * To add one: write effects/NAME.c and add its line to effects.c.
  * All parameters zero must leave every signal bit for bit as it was.
  */
 #ifndef EFFECTS_H

@@ -45,7 +45,7 @@ enum {
 	KOOP_E_RANGE = -4,      /* a setting is outside its range */
 	KOOP_E_INPUT = -5,      /* an input is NaN or infinite */
 	KOOP_E_OVERFLOW = -6,   /* the result would not be finite in this precision */
-	KOOP_E_INDEFINITE = -7, /* the covariance would lose positive definiteness */
+	KOOP_E_INDEFINITE = -7, /* the covariance, or the controller's Hessian, would not be positive definite */
 	KOOP_E_MODEL = -8       /* a stored model is damaged or is of another kind */
 };
 

@@ -94,8 +94,8 @@ typedef struct KOOP(form) {
 	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
 } KOOP(form);
 
-/* plain: P itself, symmetric bit for bit by construction. The paper's algebra,
- *        and the fastest; P can lose positive definiteness.
+/* plain: P as a number times a matrix, symmetric bit for bit by construction.
+ *        The paper's algebra, and the fastest; P can lose positive definiteness.
  * sqrt:  triangular S with P = S S' (Carlson's update). P is positive definite
  *        by construction and reaches the square of the plain form's range. */
 extern const KOOP(form) KOOP(form_plain);

@@ -10,18 +10,6 @@
  *
  * so a row of the Hessian is the one m above it plus a few multiples of G. */
 
-/* y += a x */
-static void add_multiple(real *restrict y, real a, const real *restrict x, size_t n) {
-	size_t i = 0;
-	for (; i + 4 <= n; i += 4) {
-		y[i] += a * x[i];
-		y[i + 1] += a * x[i + 1];
-		y[i + 2] += a * x[i + 2];
-		y[i + 3] += a * x[i + 3];
-	}
-	for (; i < n; i++) { y[i] += a * x[i]; }
-}
-
 static real clip(real x, real low, real high) {
 	return x < low ? low : x > high ? high : x;
 }
@@ -58,7 +46,7 @@ static void predict_adjoint(const KOOP(mpc) *mpc, const real *w, real *out) {
 	const size_t n = mpc->config.n_states, m = mpc->config.n_inputs, H = mpc->config.horizon;
 	for (size_t i = 0; i < n; i++) {
 		for (size_t t = 0; t < H; t++) {
-			add_multiple(out + (H - 1 - t) * m, w[i * H + t], mpc->markov_q + i * H * m, (t + 1) * m);
+			add_scaled(out + (H - 1 - t) * m, w[i * H + t], mpc->markov_q + i * H * m, (t + 1) * m);
 		}
 	}
 }
@@ -95,7 +83,7 @@ static int condense(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 	for (size_t i = 0; i < n; i++) {
 		real *row = mpc->markov_q + i * V;
 		for (size_t q = 0; q < V; q++) { row[q] = 0; }
-		for (size_t j = 0; j < n; j++) { add_multiple(row, c->Q[i * n + j], mpc->markov + j * V, V); }
+		for (size_t j = 0; j < n; j++) { add_scaled(row, c->Q[i * n + j], mpc->markov + j * V, V); }
 		for (size_t t = 0; t < H; t++) { mpc->state[i * H + t] -= reference[t * n + i]; }
 	}
 	for (size_t q = 0; q < V; q++) { mpc->linear[q] = 0; }
@@ -155,7 +143,7 @@ static real *hessian_row(KOOP(mpc) *mpc, size_t a, size_t j) {
 	const size_t n = c->n_states, m = c->n_inputs, V = c->horizon * m, left = V - a * m;
 	real *sum = mpc->work + j * V, *row = mpc->work + m * V;
 	for (size_t i = 0; i < n; i++) {
-		add_multiple(sum, mpc->markov_q[i * V + a * m + j], mpc->markov + i * V + a * m, left);
+		add_scaled(sum, mpc->markov_q[i * V + a * m + j], mpc->markov + i * V + a * m, left);
 	}
 	copy(row, sum, left);
 	for (size_t e = 0; e < m; e++) {
@@ -185,7 +173,7 @@ static int factor_free(KOOP(mpc) *mpc, size_t n_free) {
 		const real diagonal = row[r];
 		for (size_t k = 0; k < r; k++) {
 			const real *above = mpc->factor + packed_offset(k, n_free);
-			add_multiple(row + r, -above[r], above + r, n_free - r);
+			add_scaled(row + r, -above[r], above + r, n_free - r);
 		}
 		if (!(row[r] > REAL_EPSILON * diagonal)) { return KOOP_E_INDEFINITE; }
 		const real inverse = 1 / MATH(sqrt)(row[r]);
@@ -200,7 +188,7 @@ static void solve_factor(const real *factor, real *x, size_t size) {
 	for (size_t r = 0; r < size; r++) {
 		const real *row = factor + packed_offset(r, size);
 		x[r] /= row[r];
-		add_multiple(x + r + 1, -x[r], row + r + 1, size - r - 1);
+		add_scaled(x + r + 1, -x[r], row + r + 1, size - r - 1);
 	}
 	for (size_t r = size; r-- > 0;) {
 		const real *row = factor + packed_offset(r, size);
@@ -279,7 +267,7 @@ static void coordinate_sweep(KOOP(mpc) *mpc, real *v, real *gradient) {
 		const real change = clip(wanted, c->u_min[self % m], c->u_max[self % m]) - v[self];
 		v[self] += change;
 		/* what is left behind is not looked at again in this sweep */
-		add_multiple(gradient + block, change, row, V - block);
+		add_scaled(gradient + block, change, row, V - block);
 	}
 }
 

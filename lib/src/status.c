@@ -9,7 +9,8 @@ const char *KOOP(status_message)(int status) {
 	case KOOP_E_RANGE: return "a setting is outside its range";
 	case KOOP_E_INPUT: return "an input is NaN or infinite";
 	case KOOP_E_OVERFLOW: return "the result would not be finite in this precision";
-	case KOOP_E_INDEFINITE: return "the covariance would lose positive definiteness";
+	case KOOP_E_INDEFINITE:
+		return "the covariance, or the controller's Hessian, would not be positive definite";
 	case KOOP_E_MODEL: return "the stored model is damaged or is of another kind";
 	default: return "unknown status";
 	}

@@ -39,14 +39,16 @@ static real dot(const real *restrict x, const real *restrict y, size_t n) {
 	return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* y += a x, rows */
-static void add_scaled(real *restrict y, real a, const real *restrict x, size_t rows) {
-	for (size_t i = 0; i < rows; i += 4) {
+/* y += a x */
+static void add_scaled(real *restrict y, real a, const real *restrict x, size_t n) {
+	size_t i = 0;
+	for (; i + 4 <= n; i += 4) {
 		y[i] += a * x[i];
 		y[i + 1] += a * x[i + 1];
 		y[i + 2] += a * x[i + 2];
 		y[i + 3] += a * x[i + 3];
 	}
+	for (; i < n; i++) { y[i] += a * x[i]; }
 }
 
 /* y = x */

@@ -6,11 +6,18 @@ typedef struct SIM(controller) {
 	REAL Q[9], R[4], u_min[2], u_max[2], u_safe[2];
 	REAL *storage;
 	REAL *reference; /* horizon rows of 3 */
+	REAL *theta;     /* as rls.theta */
+	REAL *psi, *plan;
+	double *wide; /* Theta, psi and the reference, for another solver */
 } SIM(controller);
 
 static void SIM(controller_close)(SIM(controller) * c) {
 	free(c->storage);
 	free(c->reference);
+	free(c->theta);
+	free(c->psi);
+	free(c->plan);
+	free(c->wide);
 }
 
 static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, size_t N) {
@@ -37,7 +44,11 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 	const size_t reals = KOOP_MPC_REALS_NEWTON(N, 3, 2, s->horizon);
 	c->storage = calloc(reals, sizeof(REAL));
 	c->reference = calloc(3 * s->horizon, sizeof(REAL));
-	if (!c->storage || !c->reference) {
+	c->theta = calloc((N + 2) * KOOP_PAD(N), sizeof(REAL));
+	c->psi = calloc(N, sizeof(REAL));
+	c->plan = calloc(2 * s->horizon, sizeof(REAL));
+	c->wide = calloc(N * (N + 2) + N, sizeof(double));
+	if (!c->storage || !c->reference || !c->theta || !c->psi || !c->plan || !c->wide) {
 		SIM(controller_close)(c);
 		return fail("out of memory");
 	}
@@ -47,6 +58,38 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 		return fail("controller: %s", KOOP(status_message)(status));
 	}
 	return TK_OK;
+}
+
+static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const double *psi,
+                                 const double *reference, double *plan, tk_solution *solution) {
+	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
+	REAL u[2];
+	KOOP(mpc_result) result = {0};
+	for (size_t i = 0; i < N; i++) {
+		for (size_t j = 0; j < N + 2; j++) { c->theta[j * KOOP_PAD(N) + i] = (REAL)theta[i * (N + 2) + j]; }
+		c->psi[i] = (REAL)psi[i];
+	}
+	for (size_t i = 0; i < 3 * H; i++) { c->reference[i] = (REAL)reference[i]; }
+	const double start = microseconds();
+	solution->status = KOOP(mpc_solve)(&c->mpc, c->theta, c->psi, c->reference, NULL, u, &result);
+	solution->microseconds = microseconds() - start;
+	solution->iterations = result.iterations;
+	solution->residual = result.residual;
+	KOOP(mpc_plan)(&c->mpc, c->plan);
+	for (size_t i = 0; i < 2 * H; i++) { plan[i] = c->plan[i]; }
+	return TK_OK;
+}
+
+/* The same step by the solver that the settings name. */
+static int SIM(solve_elsewhere)(SIM(estimator) * e, const SIM(controller) * c, const tk_mpc_settings *s,
+                                const double *reference) {
+	const size_t N = e->rls.n_lifted;
+	double *theta = c->wide, *psi = theta + N * (N + 2), u[2] = {0, 0};
+	SIM(get_theta)(e, theta);
+	for (size_t i = 0; i < N; i++) { psi[i] = e->psi[i]; }
+	const int status = s->solver(theta, psi, reference, u);
+	for (size_t j = 0; j < 2; j++) { e->u[j] = status == 0 ? (REAL)u[j] : 0; }
+	return status;
 }
 
 static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr *robot, size_t steps,
@@ -75,7 +118,9 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		e->u[0] = e->u[1] = 0;
 		const double start = microseconds();
 		int status = lifted;
-		if (lifted == KOOP_OK) {
+		if (lifted == KOOP_OK && settings->solver) {
+			status = SIM(solve_elsewhere)(e, &c, settings, reference + 3 * (k + 1));
+		} else if (lifted == KOOP_OK) {
 			status = KOOP(mpc_solve)(&c.mpc, e->rls.theta, e->psi, c.reference, NULL, e->u, &result);
 		}
 		const double took = microseconds() - start;

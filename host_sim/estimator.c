@@ -138,6 +138,44 @@ int tk_control(tk_estimator *e, const tk_mpc_settings *mpc, const tk_active *eff
 	return status;
 }
 
+struct tk_controller {
+	f32_controller f32; /* one of the two has storage */
+	f64_controller f64;
+};
+
+int tk_controller_new(const tk_mpc_settings *settings, int precision, size_t N, tk_controller **controller) {
+	if (precision != 32 && precision != 64) {
+		return fail("precision is %d, it must be 32 or 64", precision);
+	}
+	tk_controller *c = calloc(1, sizeof *c);
+	if (!c) { return fail("out of memory"); }
+	const int status = precision == 32 ? f32_controller_open(&c->f32, settings, N)
+	                                   : f64_controller_open(&c->f64, settings, N);
+	if (status != TK_OK) {
+		free(c);
+		return status;
+	}
+	*controller = c;
+	return TK_OK;
+}
+
+void tk_controller_free(tk_controller *c) {
+	if (!c) { return; }
+	f32_controller_close(&c->f32);
+	f64_controller_close(&c->f64);
+	free(c);
+}
+
+int tk_controller_reset(tk_controller *c) {
+	return c->f32.storage ? koopf_mpc_reset(&c->f32.mpc) : koopd_mpc_reset(&c->f64.mpc);
+}
+
+int tk_controller_solve(tk_controller *c, const double *theta, const double *psi, const double *reference,
+                        double *plan, tk_solution *solution) {
+	return c->f32.storage ? f32_controller_solve(&c->f32, theta, psi, reference, plan, solution)
+	                      : f64_controller_solve(&c->f64, theta, psi, reference, plan, solution);
+}
+
 int tk_threshold(double *scores, size_t count, double eta, double *delta) {
 	const int status = koopd_threshold(scores, count, eta, delta);
 	return status == KOOP_OK ? TK_OK : fail("threshold: %s", koopd_status_message(status));

@@ -129,6 +129,9 @@ typedef struct tk_mpc_settings {
 	double u_min[2], u_max[2]; /* m/s, rad/s */
 	double tolerance;          /* of the KKT residual; 0: the library's */
 	int method;                /* KOOP_MPC_... */
+	/* Another solver in the library's place, or null: reads Theta (N x (N+2)), psi (N)
+	 * and the reference (horizon rows of 3), writes the input; not 0: it has none. */
+	int (*solver)(const double *theta, const double *psi, const double *reference, double *u);
 } tk_mpc_settings;
 
 /* What a closed-loop run writes down, one row for each step. */
@@ -148,6 +151,24 @@ typedef struct tk_control_trace {
 TK_API int tk_control(tk_estimator *estimator, const tk_mpc_settings *mpc, const tk_active *effects,
                       size_t n_effects, double dt, size_t steps, const double *x0, const double *reference,
                       int learn, const tk_control_trace *trace);
+
+/* The controller by itself, for problems that were written down. */
+typedef struct tk_controller tk_controller;
+
+typedef struct tk_solution {
+	int status; /* KOOP_OK, or why the safe input was given */
+	size_t iterations;
+	double residual, microseconds;
+} tk_solution;
+
+TK_API int tk_controller_new(const tk_mpc_settings *settings, int precision, size_t N,
+                             tk_controller **controller);
+TK_API void tk_controller_free(tk_controller *controller);
+/* Forgets the plan: the next solve is a cold one. */
+TK_API int tk_controller_reset(tk_controller *controller);
+/* plan (horizon rows of 2) for Theta (N x (N+2)), psi (N) and reference (horizon rows of 3). */
+TK_API int tk_controller_solve(tk_controller *controller, const double *theta, const double *psi,
+                               const double *reference, double *plan, tk_solution *solution);
 
 /* The library's dead-zone threshold, in double: the eta-quantile of `scores`, which get sorted. */
 TK_API int tk_threshold(double *scores, size_t count, double eta, double *delta);

@@ -66,6 +66,9 @@ class _Trace(ct.Structure):
     ]
 
 
+_SOLVER = ct.CFUNCTYPE(ct.c_int, _DOUBLES, _DOUBLES, _DOUBLES, _DOUBLES)
+
+
 class _MpcSettings(ct.Structure):
     _fields_ = [
         ("horizon", ct.c_size_t),
@@ -75,6 +78,16 @@ class _MpcSettings(ct.Structure):
         ("u_max", ct.c_double * 2),
         ("tolerance", ct.c_double),
         ("method", ct.c_int),
+        ("solver", _SOLVER),
+    ]
+
+
+class _Solution(ct.Structure):
+    _fields_ = [
+        ("status", ct.c_int),
+        ("iterations", ct.c_size_t),
+        ("residual", ct.c_double),
+        ("microseconds", ct.c_double),
     ]
 
 
@@ -218,6 +231,51 @@ class Mpc:
     tolerance: float = 0.0  # of the KKT residual; 0: the library's
     method: int = MPC_NEWTON
 
+    def _settings(self, solver=_SOLVER()):
+        return _MpcSettings(
+            self.horizon, (ct.c_double * 3)(*self.q), (ct.c_double * 2)(*self.r), (ct.c_double * 2)(*self.u_min),
+            (ct.c_double * 2)(*self.u_max), self.tolerance, self.method, solver,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What one solve gave: status (not 0: no plan, the safe input), plan (horizon, 2) [m/s, rad/s]."""
+
+    status: int
+    plan: np.ndarray
+    residual: float  # KKT, in units of the inputs
+    iterations: int
+    microseconds: float  # condensing and solving, wall time
+
+
+class Controller:
+    """The library's Koopman-MPC by itself, for problems that were written down; N lifted states."""
+
+    def __init__(self, mpc, precision, N):
+        self._handle = ct.c_void_p()
+        self._shapes = ((N, N + 2), (N,), (mpc.horizon, 3))
+        settings = mpc._settings()
+        _check("tk_controller_new", ct.byref(settings), ct.c_int(precision), ct.c_size_t(N), ct.byref(self._handle))
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            _call("tk_controller_free", self._handle)
+
+    def reset(self):
+        """Forgets the plan: the next solve is a cold one."""
+        _check("tk_controller_reset", self._handle)
+
+    def solve(self, theta, psi, reference):
+        """Plans from psi (N) along reference (horizon, 3) on theta (N, N+2); starts from the last plan, shifted."""
+        arrays = [_in(array) for array in (theta, psi, reference)]
+        for array, shape in zip(arrays, self._shapes):
+            if array.shape != shape:
+                raise ValueError(f"expected shape {shape}, got {array.shape}")
+        plan, solution = np.empty((self._shapes[2][0], 2)), _Solution()
+        _check("tk_controller_solve", self._handle, *map(_doubles, arrays), _doubles(plan), ct.byref(solution))
+        return Solution(solution.status, plan, solution.residual, solution.iterations, solution.microseconds)
+
 
 # ---- estimator -------------------------------------------------------------------------------
 
@@ -320,8 +378,11 @@ class Estimator:
         )  # fmt: skip
         return out
 
-    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0):
+    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0, solver=None):
         """Drives the DDR along `reference` (steps + horizon + 1, 3) with Koopman-MPC on this model.
+
+        solver(theta (N, N+2), psi (N), reference (horizon, 3)) -> u (2) or None: plans in the
+        library's place; None is a fallback to the safe input (0, 0).
 
         Returns a dict of traces, one row for each step: u, status (not 0: the safe input was
         given), residual (KKT), iterations, solve_us; x has one row more; with every > 0 theta and
@@ -340,16 +401,26 @@ class Estimator:
         c_trace = _ControlTrace(every=every)
         for name, array in out.items():
             setattr(c_trace, name, _ints(array) if array.dtype == np.int32 else _doubles(array))
-        settings = _MpcSettings(
-            mpc.horizon, (ct.c_double * 3)(*mpc.q), (ct.c_double * 2)(*mpc.r), (ct.c_double * 2)(*mpc.u_min),
-            (ct.c_double * 2)(*mpc.u_max), mpc.tolerance, mpc.method,
-        )  # fmt: skip
+        settings = mpc._settings(self._callback(solver, mpc.horizon) if solver else _SOLVER())
         _check(
             "tk_control", self._handle, ct.byref(settings), _active_effects(active), ct.c_size_t(len(active)),
             ct.c_double(dt), ct.c_size_t(steps), _doubles(x0), _doubles(reference), ct.c_int(learn),
             ct.byref(c_trace),
         )  # fmt: skip
         return out
+
+    def _callback(self, solver, horizon):
+        shapes = ((self.N, self.d), (self.N,), (horizon, 3))
+
+        def call(theta, psi, reference, u):
+            arrays = (theta, psi, reference)
+            result = solver(*(np.ctypeslib.as_array(a, shape) for a, shape in zip(arrays, shapes)))
+            if result is None:
+                return 1
+            u[0], u[1] = result
+            return 0
+
+        return _SOLVER(call)
 
     def soak(self, zeta, target, repeats):
         """Learns from rows zeta (K, N+m) -> target (K, N), `repeats` times over; returns counts."""

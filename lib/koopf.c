@@ -7,7 +7,9 @@
 #define real float
 #define REAL_MAX FLT_MAX
 #define REAL_EPSILON FLT_EPSILON
-#define OUTER_WIDTH 24 /* columns updated at a time: what fits six 16-byte registers */
+#define OUTER_WIDTH 24      /* columns updated at a time: what fits six 16-byte registers */
+#define MPC_TOLERANCE 1e-5f /* of the KKT residual, by default */
+#define SPLIT 4097          /* 2^12 + 1: halves a mantissa */
 #define MATH(function) function##f
 #define KOOP(name) koopf_##name
 

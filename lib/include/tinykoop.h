@@ -75,9 +75,11 @@ enum {
 #define KOOP_RLS_REALS_PLAIN(N, m) KOOP_RLS_REALS(N, m, 3u)
 
 /* Model predictive control: bounds that are fixed at compile time, and so the
- * worst case. */
+ * worst case. With Newton steps: gradient steps from LEAST on, doubled up to MAX,
+ * between rounds of Newton steps; without: MAX gradient steps. */
 #define KOOP_MPC_MAX_HORIZON 1000
-#define KOOP_MPC_MAX_NEWTON 40
+#define KOOP_MPC_MAX_NEWTON 12
+#define KOOP_MPC_LEAST_GRADIENT 30
 #define KOOP_MPC_MAX_GRADIENT 5000
 
 enum {
@@ -87,13 +89,22 @@ enum {
 
 /* Number of reals of the controller's storage, for N lifted states of which n
  * are tracked, m inputs and a horizon of H steps. */
+#define KOOP_MPC_WINDOW 8u /* arrays are padded to this */
+#define KOOP_MPC_GROUP 4u  /* rows of the factor at a time */
+#define KOOP_MPC_PAD(k) (((size_t)(k) + KOOP_MPC_WINDOW - 1u) / KOOP_MPC_WINDOW * KOOP_MPC_WINDOW)
 #define KOOP_MPC_MAX(a, b) ((a) > (b) ? (a) : (b))
-#define KOOP_MPC_WORK(N, m, H)                                                                               \
-	KOOP_MPC_MAX(2u * ((size_t)(m) + 1u) * KOOP_PAD(N), ((size_t)(m) + 1u) * (H) * (m))
-#define KOOP_MPC_REALS_GRADIENT(N, n, m, H)                                                                  \
-	((2u * (size_t)(n) * (m) + (n) + 8u * (m)) * (H) + KOOP_MPC_WORK(N, m, H))
+#define KOOP_MPC_WORK(N, n, m, H)                                                                            \
+	KOOP_MPC_MAX((2u * (size_t)(m) + 3u) * KOOP_PAD(N),                                                      \
+	             (size_t)(m) * KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW + (n) + 2u * (m))
+#define KOOP_MPC_REALS(N, n, m, H)                                                                           \
+	((n) * (KOOP_MPC_WINDOW + KOOP_MPC_PAD((H) * (m)) + 2u * KOOP_MPC_PAD(H)) +                              \
+	 7u * KOOP_MPC_PAD((H) * (m)) + (m) + 2u * (m) * (m) + (n) * (n) + KOOP_MPC_WORK(N, n, m, H))
+#define KOOP_MPC_REALS_GRADIENT(N, n, m, H) KOOP_MPC_REALS(N, n, m, H)
 #define KOOP_MPC_REALS_NEWTON(N, n, m, H)                                                                    \
-	(KOOP_MPC_REALS_GRADIENT(N, n, m, H) + (size_t)(H) * (m) * ((size_t)(H) * (m) + 1u) / 2u + 1u)
+	(KOOP_MPC_REALS(N, n, m, H) + ((n) + (m)) * KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW +                  \
+	 (size_t)(H) * (m) * ((size_t)(H) * (m) + 1u) / 2u + KOOP_MPC_GROUP)
+/* to be added to either with an input-rate penalty S */
+#define KOOP_MPC_REALS_RATE(m, H) ((size_t)(m) * KOOP_MPC_PAD((H) * (m)))
 
 /* Number of bytes of a stored model with N lifted states and m inputs. */
 #define KOOP_MODEL_HEADER_BYTES 24u

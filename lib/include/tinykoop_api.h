@@ -218,36 +218,47 @@ typedef struct KOOP(mpc_config) {
 	const KOOP_REAL *u_min;  /* m */
 	const KOOP_REAL *u_max;  /* m */
 	const KOOP_REAL *u_safe; /* m, inside the box: what is given out when there is no plan */
-	KOOP_REAL tolerance;     /* of the KKT residual, in units of the inputs; 0: sqrt(epsilon) / 16 */
+	KOOP_REAL tolerance;     /* of the KKT residual, in units of the inputs; 0: 1e-9, in float 1e-5 */
 	int method;              /* KOOP_MPC_NEWTON or KOOP_MPC_GRADIENT */
 } KOOP(mpc_config);
 
 typedef struct KOOP(mpc_result) {
 	/* The largest step that a gradient step, scaled by the Hessian's diagonal, would
 	 * still make inside the box: 0 at the optimum; units of the inputs. Where it is
-	 * above the tolerance, round-off or the bound on iterations came first. */
+	 * above the tolerance, round-off or the bound on iterations came first. An input
+	 * can be further from its optimum than this: measured, by a factor of 10 to 100. */
 	KOOP_REAL residual;
-	size_t iterations;
+	size_t iterations; /* Newton steps and gradient steps */
 } KOOP(mpc_result);
 
 /* The controller. The caller owns it, its storage, and what the configuration
  * points to. */
 typedef struct KOOP(mpc) {
 	KOOP(mpc_config) config;
-	KOOP_REAL *markov;                          /* n rows of H m: C A^k B, k = 0..H-1 */
-	KOOP_REAL *markov_q;                        /* Q times that */
-	KOOP_REAL *state;                           /* scratch: n rows of H */
-	KOOP_REAL *linear;                          /* linear term, H m */
-	KOOP_REAL *diagonal;                        /* of the Hessian, H m */
-	KOOP_REAL *plan;                            /* H m, last input first */
+	KOOP_REAL *markov; /* a row for each state: zeros, then C A^k B, k = 0..H-1 */
+	KOOP_REAL
+	*free_error;         /* a row for each state, last step first: prediction without input less reference */
+	KOOP_REAL *state;    /* scratch: likewise */
+	KOOP_REAL *diagonal; /* of the Hessian, H m */
+	KOOP_REAL *plan;     /* H m, last input first */
+	KOOP_REAL *set;      /* H m: 0 free, -1 held by its lower bound, 1 by its upper */
+	KOOP_REAL *u_before; /* m */
+	KOOP_REAL *roots;    /* lower Cholesky factors of R, S and Q */
 	KOOP_REAL *gradient, *trial, *other, *step; /* scratch: H m each */
+	KOOP_REAL *way, *bent;                      /* scratch: trial and other by other names */
 	KOOP_REAL *work;                            /* scratch */
-	KOOP_REAL *set;                             /* H m: 0 free, -1 at its lower bound, 1 at its upper */
-	KOOP_REAL *factor; /* packed Cholesky factor over the free inputs; null without Newton */
+	KOOP_REAL *generator;                       /* of the Hessian: n + m rows of H m, or n + 2 m with S */
+	KOOP_REAL *factor;                          /* packed Cholesky factor over the free inputs */
+	KOOP_REAL steepest;                         /* largest eigenvalue seen of the scaled Hessian */
+	KOOP_REAL noise;                            /* a residual below this can be all round-off */
 	size_t n_free;
+	int factored; /* factor is one over this choice of free inputs */
+	int fresh;    /* and of this solve's Hessian */
 } KOOP(mpc);
 
-/* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals. */
+/* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals, and with S
+ * KOOP_MPC_REALS_RATE more. Q, R and S are read again at every solve and are not to
+ * change; weights that are not symmetric and positive (semi)definite are refused. */
 int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, KOOP_REAL *storage, size_t reals);
 
 /* Forgets the plan: the next solve starts from u_safe. */
@@ -267,3 +278,7 @@ int KOOP(mpc_solve)(KOOP(mpc) *mpc, const KOOP_REAL *theta, const KOOP_REAL *psi
 
 /* The whole plan, H rows of m, first input first. */
 int KOOP(mpc_plan)(const KOOP(mpc) *mpc, KOOP_REAL *plan);
+
+/* G (n x m) = C A^step B, 0 <= step < H: what an input does to the state step + 1
+ * later, by the model of the last solve. */
+int KOOP(mpc_sensitivity)(const KOOP(mpc) *mpc, size_t step, KOOP_REAL *G);

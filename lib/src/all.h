@@ -20,4 +20,7 @@
 #include "threshold.c"
 #include "model.c"
 
+#include "condensed.c"
+#include "newton.c"
+#include "projected.c"
 #include "mpc.c"

@@ -14,7 +14,8 @@ typedef struct {
 	KOOP(mpc_config) config;
 } problem;
 
-static real storage[KOOP_MPC_REALS_NEWTON(MOST_LIFTED, MOST_STATES, MOST_INPUTS, MOST_H)];
+static real storage[KOOP_MPC_REALS_NEWTON(MOST_LIFTED, MOST_STATES, MOST_INPUTS, MOST_H) +
+                    KOOP_MPC_REALS_RATE(MOST_INPUTS, MOST_H)];
 static KOOP(mpc) mpc;
 
 /* M = L L' + floor I, symmetric, full */
@@ -262,7 +263,7 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_init)(&mpc, NULL, storage, reals));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_init)(&mpc, &p.config, NULL, reals));
 
-	const size_t exact = KOOP_MPC_REALS_NEWTON(p.N, p.n, p.m, p.H);
+	const size_t exact = KOOP_MPC_REALS_NEWTON(p.N, p.n, p.m, p.H) + KOOP_MPC_REALS_RATE(p.m, p.H);
 	CHECK_STATUS(KOOP_E_STORAGE, KOOP(mpc_init)(&mpc, &p.config, storage, exact - 1));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.config, storage, exact));
 

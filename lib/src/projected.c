@@ -1,0 +1,116 @@
+/* Projected gradient without a matrix, accelerated by conjugate directions as long
+ * as no bound comes in the way: modified proportioning with reduced gradient
+ * projections (Dostal and Schoeberl 2005), scaled by the Hessian's diagonal. Goes
+ * downhill at every step, whatever the bounds. */
+
+/* The gradient by input q, or 0 where a bound holds the input; *at_bound: whether it
+ * is at one. */
+static real way_down(const KOOP(mpc) *mpc, size_t q, int *at_bound) {
+	const size_t j = q % mpc->config.n_inputs;
+	const real v = mpc->plan[q], g = mpc->gradient[q];
+	const int low = v <= mpc->config.u_min[j], high = v >= mpc->config.u_max[j];
+	*at_bound = low || high;
+	return (low && g > 0) || (high && g < 0) ? 0 : g;
+}
+
+/* way = steepest descent, either of the inputs inside the box or of those that are
+ * to leave a bound, whichever promises more; returns 1 for the latter. */
+static int begin_way(KOOP(mpc) *mpc) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t m = c->n_inputs, V = c->horizon * m;
+	real promise[2] = {0, 0};
+	int at_bound;
+	for (size_t q = 0; q < V; q++) {
+		const real g = way_down(mpc, q, &at_bound), step = MATH(fabs)(g) / (mpc->diagonal[q] * mpc->steepest);
+		const real room = g > 0 ? mpc->plan[q] - c->u_min[q % m] : c->u_max[q % m] - mpc->plan[q];
+		promise[at_bound] += MATH(fabs)(g) * (step < room ? step : room);
+	}
+	const int leave = promise[1] > promise[0];
+	for (size_t q = 0; q < V; q++) {
+		const real g = way_down(mpc, q, &at_bound);
+		mpc->way[q] = at_bound == leave ? -g / mpc->diagonal[q] : 0;
+	}
+	return leave;
+}
+
+/* way = the next conjugate direction, after a step along it that no bound has cut
+ * short; returns 0 where leaving a bound promises more. */
+static int continue_way(KOOP(mpc) *mpc, real curvature) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	real promise[2] = {0, 0}, turn = 0;
+	int at_bound;
+	for (size_t q = 0; q < V; q++) {
+		const real g = way_down(mpc, q, &at_bound), scaled_g = g / mpc->diagonal[q];
+		promise[at_bound] += g * scaled_g;
+		turn += at_bound ? 0 : scaled_g * mpc->bent[q];
+	}
+	for (size_t q = 0; q < V; q++) {
+		const real g = way_down(mpc, q, &at_bound);
+		mpc->way[q] = at_bound ? 0 : turn / curvature * mpc->way[q] - g / mpc->diagonal[q];
+	}
+	return promise[0] >= promise[1];
+}
+
+/* The longest step along the way inside the box. */
+static real room_along(const KOOP(mpc) *mpc) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t m = c->n_inputs;
+	real length = REAL_MAX;
+	for (size_t q = 0; q < c->horizon * m; q++) {
+		const real way = mpc->way[q], speed = MATH(fabs)(way);
+		const real room = way < 0 ? mpc->plan[q] - c->u_min[q % m] : c->u_max[q % m] - mpc->plan[q];
+		if (room < speed * length) { length = room / speed; }
+	}
+	return length;
+}
+
+/* A gradient step of the inputs inside the box, projected: several bounds can be met at once. */
+static void project_gradient(KOOP(mpc) *mpc) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	int at_bound;
+	for (size_t q = 0; q < V; q++) {
+		const real g = way_down(mpc, q, &at_bound);
+		mpc->plan[q] -= at_bound ? 0 : g / (mpc->diagonal[q] * mpc->steepest);
+	}
+	clip_all(&mpc->config, mpc->plan);
+}
+
+/* bent = H way; returns way' H way, and keeps track of the largest eigenvalue of the
+ * scaled Hessian. */
+static real bend(KOOP(mpc) *mpc) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	real square = 0;
+	multiply_hessian(mpc, mpc->way, mpc->bent);
+	for (size_t q = 0; q < V; q++) { square += mpc->diagonal[q] * mpc->way[q] * mpc->way[q]; }
+	const real curvature = dot(mpc->way, mpc->bent, V);
+	mpc->steepest = max_of(mpc->steepest, curvature / square);
+	return curvature;
+}
+
+/* At most `most` products with the Hessian and as many steps. */
+#define MPC_REFRESH 100 /* steps until the gradient is evaluated again, not updated */
+
+static int descend_projected(KOOP(mpc) *mpc, size_t most, KOOP(mpc_result) *result) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	const real tolerance = mpc->config.tolerance;
+	real best = REAL_MAX;
+	int goes_on = 0;
+	for (size_t k = 1; k <= most && result->residual > tolerance; k++, result->iterations++) {
+		const int leaving = !goes_on && begin_way(mpc);
+		const real curvature = bend(mpc), wanted = -dot(mpc->way, mpc->gradient, V) / curvature;
+		const real room = room_along(mpc), length = wanted < room ? wanted : room;
+		if (!is_finite(length)) { return KOOP_E_OVERFLOW; }
+		add_scaled(mpc->plan, length, mpc->way, V);
+		add_scaled(mpc->gradient, length, mpc->bent, V);
+		clip_all(&mpc->config, mpc->plan);
+		goes_on = wanted <= room && !leaving;
+		if (wanted > room && !leaving) { project_gradient(mpc); }
+		if (goes_on) { result->residual = kkt_residual(mpc, mpc->plan, mpc->gradient); }
+		const int settled = goes_on && (result->residual <= tolerance || k % MPC_REFRESH == 0);
+		if (!goes_on || settled) { result->residual = evaluate(mpc, mpc->plan, mpc->gradient); }
+		if (settled && result->residual < mpc->noise && !(result->residual < best / 2)) { break; }
+		if (settled) { best = result->residual; }
+		goes_on = goes_on && !settled && continue_way(mpc, curvature);
+	}
+	return KOOP_OK;
+}

@@ -1,0 +1,224 @@
+/* Many random problems of the controller, up to the size of the paper's and beyond what
+ * its models lead to: Hessians with condition numbers up to 1e8, boxes that hold all
+ * inputs or none, horizon 1, one lifted state, models that no input moves. What is
+ * checked is optimality itself: the gradient by a costate recursion in long double,
+ * which shares nothing with condensing. */
+#include "support.h"
+
+enum { MOST_N = 22, MOST_n = 3, MOST_m = 3, MOST_H = 50, MOST_V = MOST_H * MOST_m };
+
+typedef struct {
+	size_t N, n, m, H;
+	real theta[(MOST_N + MOST_m) * KOOP_PAD(MOST_N)];
+	real Q[MOST_n * MOST_n], R[MOST_m * MOST_m], S[MOST_m * MOST_m];
+	real low[MOST_m], high[MOST_m], safe[MOST_m], before[MOST_m];
+	real psi[MOST_N], reference[MOST_H * MOST_n];
+	int rate;
+} problem;
+
+static KOOP(mpc) mpc;
+static real
+    storage[KOOP_MPC_REALS_NEWTON(MOST_N, MOST_n, MOST_m, MOST_H) + KOOP_MPC_REALS_RATE(MOST_m, MOST_H)];
+
+static double decades(random_source *random, double from, double to) {
+	return pow(10, (double)random_uniform(random, from, to));
+}
+
+static void random_problem(random_source *random, problem *p) {
+	memset(p, 0, sizeof *p);
+	p->N = random_below(random, 20) ? 1 + random_below(random, MOST_N) : 1;
+	p->n = 1 + random_below(random, p->N < MOST_n ? p->N : MOST_n);
+	p->m = 1 + random_below(random, MOST_m);
+	p->H = random_below(random, 20) ? 1 + random_below(random, MOST_H) : 1;
+	p->rate = random_below(random, 3) == 0;
+
+	const size_t rows = KOOP_PAD(p->N);
+	const double size = (double)random_uniform(random, 0.3, 1.15) * sqrt(3 / (double)p->N);
+	const double gain = random_below(random, 50) ? decades(random, -2, 0.5) : 0;
+	for (size_t j = 0; j < p->N; j++) { random_fill(random, p->theta + j * rows, p->N, -size, size); }
+	for (size_t j = 0; j < p->m; j++) {
+		random_fill(random, p->theta + (p->N + j) * rows, p->N, -gain, gain);
+	}
+	/* robots' models are near the identity */
+	for (size_t j = 0; random_below(random, 3) == 0 && j < p->N; j++) { p->theta[j * rows + j] += (real)0.7; }
+
+	const double q = decades(random, -2, 2), r = decades(random, -6, 1);
+	real L[MOST_n * MOST_n];
+	random_fill(random, L, p->n * p->n, -1, 1);
+	for (size_t i = 0; i < p->n; i++) {
+		for (size_t j = 0; j < p->n; j++) {
+			for (size_t k = 0; k < p->n; k++) {
+				p->Q[i * p->n + j] += (real)q * L[i * p->n + k] * L[j * p->n + k];
+			}
+		}
+	}
+	const double box = decades(random, -2, 1), scale = decades(random, -1, 1.5);
+	for (size_t j = 0; j < p->m; j++) {
+		p->R[j * p->m + j] = (real)(r * (double)random_uniform(random, 0.5, 2));
+		p->S[j * p->m + j] = (real)(r * (double)random_uniform(random, 0, 20));
+		p->low[j] = random_uniform(random, -box, 0);
+		p->high[j] = random_uniform(random, 0, box);
+	}
+	random_fill(random, p->psi, p->N, -scale, scale);
+	random_fill(random, p->reference, p->H * p->n, -scale, scale);
+	random_fill(random, p->before, p->m, -box, box);
+}
+
+static wide model(const problem *p, size_t i, size_t j) {
+	return p->theta[j * KOOP_PAD(p->N) + i];
+}
+
+/* Half gradient of the cost at the inputs u (H rows of m): states forwards, costates backwards. */
+static void costate_gradient(const problem *p, const real *u, wide *gradient) {
+	static wide x[MOST_H + 1][MOST_N];
+	wide costate[MOST_N] = {0}, before[MOST_N];
+	for (size_t i = 0; i < p->N; i++) { x[0][i] = p->psi[i]; }
+	for (size_t k = 0; k < p->H; k++) {
+		for (size_t i = 0; i < p->N; i++) {
+			x[k + 1][i] = 0;
+			for (size_t j = 0; j < p->N; j++) { x[k + 1][i] += model(p, i, j) * x[k][j]; }
+			for (size_t j = 0; j < p->m; j++) { x[k + 1][i] += model(p, i, p->N + j) * u[k * p->m + j]; }
+		}
+	}
+	for (size_t k = p->H; k-- > 0;) {
+		for (size_t i = 0; i < p->n; i++) {
+			for (size_t j = 0; j < p->n; j++) {
+				costate[i] += p->Q[i * p->n + j] * (x[k + 1][j] - p->reference[k * p->n + j]);
+			}
+		}
+		for (size_t j = 0; j < p->m; j++) {
+			const size_t q = k * p->m + j;
+			gradient[q] = p->R[j * p->m + j] * (wide)u[q];
+			for (size_t i = 0; i < p->N; i++) { gradient[q] += model(p, i, p->N + j) * costate[i]; }
+			if (!p->rate) { continue; }
+			const wide s = p->S[j * p->m + j];
+			gradient[q] += s * ((wide)u[q] - (k > 0 ? u[q - p->m] : p->before[j]));
+			if (k + 1 < p->H) { gradient[q] -= s * ((wide)u[q + p->m] - u[q]); }
+		}
+		for (size_t i = 0; i < p->N; i++) {
+			before[i] = 0;
+			for (size_t j = 0; j < p->N; j++) { before[i] += model(p, j, i) * costate[j]; }
+		}
+		memcpy(costate, before, sizeof costate);
+	}
+}
+
+/* Diagonal of the Hessian: what one unit of an input at step k costs. */
+static void hessian_diagonal(const problem *p, wide *diagonal) {
+	for (size_t j = 0; j < p->m; j++) {
+		wide x[MOST_N], next[MOST_N], sum = p->R[j * p->m + j];
+		for (size_t i = 0; i < p->N; i++) { x[i] = model(p, i, p->N + j); }
+		for (size_t k = p->H; k-- > 0;) {
+			for (size_t i = 0; i < p->n; i++) {
+				for (size_t e = 0; e < p->n; e++) { sum += p->Q[i * p->n + e] * x[i] * x[e]; }
+			}
+			const wide s = p->rate ? p->S[j * p->m + j] : 0;
+			diagonal[k * p->m + j] = sum + (k + 1 < p->H ? 2 * s : s);
+			for (size_t i = 0; i < p->N; i++) {
+				next[i] = 0;
+				for (size_t e = 0; e < p->N; e++) { next[i] += model(p, i, e) * x[e]; }
+			}
+			memcpy(x, next, sizeof x);
+		}
+	}
+}
+
+/* An upper bound of the Hessian's condition number: trace over the smallest of R. */
+static wide condition_bound(const problem *p, const wide *diagonal) {
+	wide trace = 0, least = p->R[0];
+	for (size_t q = 0; q < p->H * p->m; q++) { trace += diagonal[q]; }
+	for (size_t j = 1; j < p->m; j++) { least = p->R[j * p->m + j] < least ? p->R[j * p->m + j] : least; }
+	return trace / least;
+}
+
+typedef struct {
+	int solves, none, all;
+	double worst, largest_condition;
+} tally;
+
+static void check_plan(const problem *p, const wide *diagonal, int round, double allowed, tally *seen) {
+	real u[MOST_m], plan[MOST_V];
+	wide gradient[MOST_V];
+	KOOP(mpc_result) result;
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p->theta, p->psi, p->reference, p->before, u, &result));
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
+	costate_gradient(p, plan, gradient);
+	size_t held = 0;
+	wide residual = 0, width = 0;
+	for (size_t q = 0; q < p->H * p->m; q++) {
+		const wide low = p->low[q % p->m], high = p->high[q % p->m];
+		CHECK(plan[q] >= low && plan[q] <= high, "round %d: outside the box", round);
+		wide step = plan[q] - gradient[q] / diagonal[q];
+		step = step < low ? low : step > high ? high : step;
+		if (fabsl(step - plan[q]) > residual) { residual = fabsl(step - plan[q]); }
+		if (high - low > width) { width = high - low; }
+		held += plan[q] <= low || plan[q] >= high;
+	}
+	CHECK(residual <= allowed * (1 + (double)width),
+	      "round %d: N %zu n %zu m %zu H %zu: residual %Lg after %zu steps, told %g", round, p->N, p->n, p->m,
+	      p->H, residual, result.iterations, (double)result.residual);
+	seen->solves++;
+	seen->none += held == 0;
+	seen->all += held == p->H * p->m;
+	if (residual > seen->worst) { seen->worst = (double)residual; }
+}
+
+static void campaign(uint64_t seed, int method, int problems, double tolerance, double allowed,
+                     double condition) {
+	random_source random = random_seed(seed);
+	tally seen = {0, 0, 0, 0, 0};
+	for (int round = 0; round < problems;) {
+		problem p;
+		wide diagonal[MOST_V];
+		random_problem(&random, &p);
+		hessian_diagonal(&p, diagonal);
+		const wide bound = condition_bound(&p, diagonal);
+		if (bound > condition) { continue; }
+		if (bound > seen.largest_condition) { seen.largest_condition = (double)bound; }
+		const KOOP(mpc_config) config = {
+		    .n_lifted = p.N,
+		    .n_states = p.n,
+		    .n_inputs = p.m,
+		    .horizon = p.H,
+		    .Q = p.Q,
+		    .R = p.R,
+		    .S = p.rate ? p.S : NULL,
+		    .u_min = p.low,
+		    .u_max = p.high,
+		    .u_safe = p.safe,
+		    .tolerance = (real)tolerance,
+		    .method = method,
+		};
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
+		check_plan(&p, diagonal, round, allowed, &seen);
+		for (size_t i = 0; i < p.N; i++) { p.psi[i] *= (real)random_uniform(&random, 0.9, 1.1); }
+		check_plan(&p, diagonal, round, allowed, &seen); /* warm */
+		round++;
+	}
+	printf("%d solves, condition numbers up to %.1g, no bound active %d, all %d, largest residual %.2g\n",
+	       seen.solves, seen.largest_condition, seen.none, seen.all, seen.worst);
+	TEST_ASSERT_TRUE(seen.none > 0 && seen.all > 0);
+}
+
+static void test_newton(void) {
+	if (TEST_DOUBLE) {
+		campaign(11, KOOP_MPC_NEWTON, 50000, 0, 1e-8, 1e8);
+	} else {
+		campaign(12, KOOP_MPC_NEWTON, 10000, 0, 1e-3, 1e4);
+	}
+}
+
+static void test_gradient(void) {
+	if (TEST_DOUBLE) {
+		campaign(13, KOOP_MPC_GRADIENT, 10000, 1e-7, 1e-6, 1e6);
+	} else {
+		campaign(14, KOOP_MPC_GRADIENT, 5000, 0, 1e-3, 1e4);
+	}
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_newton);
+	RUN_TEST(test_gradient);
+	return UNITY_END();
+}

@@ -9,7 +9,7 @@
 #define REAL_EPSILON DBL_EPSILON
 #define OUTER_WIDTH 12     /* columns updated at a time: what fits six 16-byte registers */
 #define MPC_TOLERANCE 1e-9 /* of the KKT residual, by default */
-#define SPLIT 134217729    /* 2^27 + 1: halves a mantissa */
+#define SPLIT 0            /* no sum is kept in two parts */
 #define MATH(function) function
 #define KOOP(name) koopd_##name
 

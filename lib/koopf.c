@@ -9,7 +9,7 @@
 #define REAL_EPSILON FLT_EPSILON
 #define OUTER_WIDTH 24      /* columns updated at a time: what fits six 16-byte registers */
 #define MPC_TOLERANCE 1e-5f /* of the KKT residual, by default */
-#define SPLIT 4097          /* 2^12 + 1: halves a mantissa */
+#define SPLIT 4097          /* 2^12 + 1 splits a mantissa in two: for sums in two parts */
 #define MATH(function) function##f
 #define KOOP(name) koopf_##name
 

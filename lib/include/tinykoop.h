@@ -95,7 +95,7 @@ enum {
 #define KOOP_MPC_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define KOOP_MPC_WORK(N, n, m, H)                                                                            \
 	KOOP_MPC_MAX((2u * (size_t)(m) + 3u) * KOOP_PAD(N),                                                      \
-	             (size_t)(m) * KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW + (n) + 2u * (m))
+	             (size_t)(m) * (KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW) + (n) + 2u * (m))
 #define KOOP_MPC_REALS(N, n, m, H)                                                                           \
 	((n) * (KOOP_MPC_WINDOW + KOOP_MPC_PAD((H) * (m)) + 2u * KOOP_MPC_PAD(H)) +                              \
 	 7u * KOOP_MPC_PAD((H) * (m)) + (m) + 2u * (m) * (m) + (n) * (n) + KOOP_MPC_WORK(N, n, m, H))

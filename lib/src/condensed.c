@@ -63,6 +63,10 @@ static real *markov_row(const KOOP(mpc) *mpc, size_t i) {
 /* sum + rest = sum + rest + a x, with `rest` for what rounding takes away: Dekker's
  * product and Knuth's sum. */
 static void add_product(real *sum, real *rest, real a, real x) {
+	if (SPLIT == 0) {
+		*sum += a * x;
+		return;
+	}
 	const real split_a = SPLIT * a, split_x = SPLIT * x, product = a * x;
 	const real a1 = split_a - (split_a - a), a2 = a - a1;
 	const real x1 = split_x - (split_x - x), x2 = x - x1;
@@ -112,14 +116,17 @@ static void predict(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 /* state += prediction under v */
 static void add_prediction(KOOP(mpc) *mpc, const real *v) {
 	const KOOP(mpc_config) *c = &mpc->config;
-	const size_t m = c->n_inputs, H = c->horizon;
+	const size_t m = c->n_inputs, H = c->horizon, rows = padded(H) + WINDOW;
 	for (size_t j = 0; j < m; j++) {
-		real *row = mpc->work; /* input j over time, and zeros */
+		real *row = mpc->work + j * rows; /* input j over time, and zeros */
 		for (size_t a = 0; a < H; a++) { row[a] = v[a * m + j]; }
-		for (size_t a = H; a < padded(H) + WINDOW; a++) { row[a] = 0; }
-		for (size_t i = 0; i < c->n_states; i++) {
-			for (size_t b = 0; b < H; b += WINDOW) {
-				add_windows(mpc->state + i * padded(H) + b, markov_row(mpc, i) + j, m, H - b, row + b, 1);
+		for (size_t a = H; a < rows; a++) { row[a] = 0; }
+	}
+	for (size_t i = 0; i < c->n_states; i++) {
+		for (size_t b = 0; b < H; b += WINDOW) {
+			for (size_t j = 0; j < m; j++) {
+				add_windows(mpc->state + i * padded(H) + b, markov_row(mpc, i) + j, m, H - b,
+				            mpc->work + j * rows + b, 1);
 			}
 		}
 	}

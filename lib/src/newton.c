@@ -91,6 +91,10 @@ static size_t packed_offset(size_t k, size_t size) {
 static void pack_row(KOOP(mpc) *mpc, size_t r, const real *full, size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	real *row = mpc->factor + packed_offset(r, mpc->n_free);
+	if (mpc->n_free == V) {
+		copy(row + r, full, V - q);
+		return;
+	}
 	for (size_t e = r; q < V; q++) {
 		row[e] = *full++; /* one too far at the end, where the next row comes */
 		e += mpc->set[q] == 0;

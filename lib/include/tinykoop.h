@@ -75,12 +75,16 @@ enum {
 #define KOOP_RLS_REALS_PLAIN(N, m) KOOP_RLS_REALS(N, m, 3u)
 
 /* Model predictive control: bounds that are fixed at compile time, and so the
- * worst case. With Newton steps: gradient steps from LEAST on, doubled up to MAX,
- * between rounds of Newton steps; without: MAX gradient steps. */
+ * worst case. With KOOP_MPC_NEWTON up to MAX_NEWTON steps are taken; where they get
+ * stuck, gradient steps and Newton steps again, in rounds of LEAST_GRADIENT, twice
+ * that, and so on up to MAX_GRADIENT. With KOOP_MPC_GRADIENT up to MAX_GRADIENT
+ * gradient steps. Define the last of them smaller where time is shorter. */
 #define KOOP_MPC_MAX_HORIZON 1000
 #define KOOP_MPC_MAX_NEWTON 12
 #define KOOP_MPC_LEAST_GRADIENT 30
+#ifndef KOOP_MPC_MAX_GRADIENT
 #define KOOP_MPC_MAX_GRADIENT 5000
+#endif
 
 enum {
 	KOOP_MPC_NEWTON = 0,  /* Newton steps on the free inputs: fastest */
@@ -94,7 +98,7 @@ enum {
 #define KOOP_MPC_PAD(k) (((size_t)(k) + KOOP_MPC_WINDOW - 1u) / KOOP_MPC_WINDOW * KOOP_MPC_WINDOW)
 #define KOOP_MPC_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define KOOP_MPC_WORK(N, n, m, H)                                                                            \
-	KOOP_MPC_MAX((2u * (size_t)(m) + 3u) * KOOP_PAD(N),                                                      \
+	KOOP_MPC_MAX(KOOP_MPC_MAX((2u * (size_t)(m) + 3u) * KOOP_PAD(N), (size_t)(n) * KOOP_MPC_PAD(H)),         \
 	             (size_t)(m) * (KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW) + (n) + 2u * (m))
 #define KOOP_MPC_REALS(N, n, m, H)                                                                           \
 	((n) * (KOOP_MPC_WINDOW + KOOP_MPC_PAD((H) * (m)) + 2u * KOOP_MPC_PAD(H)) +                              \

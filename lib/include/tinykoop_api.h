@@ -239,7 +239,7 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL
 	*free_error;         /* a row for each state, last step first: prediction without input less reference */
 	KOOP_REAL *state;    /* scratch: likewise */
-	KOOP_REAL *diagonal; /* of the Hessian, H m */
+	KOOP_REAL *inverse;  /* of the diagonal of the Hessian, H m */
 	KOOP_REAL *plan;     /* H m, last input first */
 	KOOP_REAL *set;      /* H m: 0 free, -1 held by its lower bound, 1 by its upper */
 	KOOP_REAL *u_before; /* m */

@@ -132,22 +132,22 @@ static void add_prediction(KOOP(mpc) *mpc, const real *v) {
 	}
 }
 
-/* out += T' Q state; overwrites the states with Q times them */
+/* out += T' Q state */
 static void add_adjoint(KOOP(mpc) *mpc, real *out) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon, V = H * m;
-	real *weighted = mpc->work;
-	for (size_t b = 0; b < H; b++) {
-		for (size_t i = 0; i < n; i++) {
-			weighted[i] = 0;
-			for (size_t k = 0; k < n; k++) { weighted[i] += c->Q[i * n + k] * mpc->state[k * padded(H) + b]; }
+	real *weighted = mpc->work; /* Q state */
+	for (size_t i = 0; i < n * padded(H); i++) { weighted[i] = 0; }
+	for (size_t i = 0; i < n; i++) {
+		for (size_t k = 0; k < n; k++) {
+			const real Q = c->Q[i * n + k];
+			if (Q != 0) { add_scaled(weighted + i * padded(H), Q, mpc->state + k * padded(H), H); }
 		}
-		for (size_t i = 0; i < n; i++) { mpc->state[i * padded(H) + b] = weighted[i]; }
 	}
 	for (size_t q = 0; q < V; q += WINDOW) {
 		const size_t reach = (q + WINDOW - 1) / m + 1;
 		for (size_t i = 0; i < n; i++) {
-			add_windows(out + q, mpc->state + i * padded(H), 1, reach < H ? reach : H, markov_row(mpc, i) + q,
+			add_windows(out + q, weighted + i * padded(H), 1, reach < H ? reach : H, markov_row(mpc, i) + q,
 			            -(ptrdiff_t)m);
 		}
 	}
@@ -187,7 +187,7 @@ static real kkt_residual(const KOOP(mpc) *mpc, const real *v, const real *gradie
 	const size_t m = c->n_inputs;
 	real residual = 0;
 	for (size_t q = 0; q < c->horizon * m; q++) {
-		const real step = clip(v[q] - gradient[q] / mpc->diagonal[q], c->u_min[q % m], c->u_max[q % m]);
+		const real step = clip(v[q] - gradient[q] * mpc->inverse[q], c->u_min[q % m], c->u_max[q % m]);
 		residual = max_of(residual, MATH(fabs)(v[q] - step));
 	}
 	return residual;
@@ -237,7 +237,7 @@ static int condense(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 			const real diagonal = sum + (a > 0 ? 2 : 1) * rate;
 			if (!is_finite(diagonal)) { return KOOP_E_OVERFLOW; }
 			if (!(diagonal > 0)) { return KOOP_E_INDEFINITE; }
-			mpc->diagonal[a * m + j] = diagonal;
+			mpc->inverse[a * m + j] = 1 / diagonal;
 		}
 	}
 	return KOOP_OK;

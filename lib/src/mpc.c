@@ -22,7 +22,7 @@ static void choose_free(KOOP(mpc) *mpc) {
 static real free_residual(const KOOP(mpc) *mpc, const real *gradient) {
 	real largest = 0;
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
-		if (mpc->set[q] == 0) { largest = max_of(largest, MATH(fabs)(gradient[q] / mpc->diagonal[q])); }
+		if (mpc->set[q] == 0) { largest = max_of(largest, MATH(fabs)(gradient[q] * mpc->inverse[q])); }
 	}
 	return largest;
 }
@@ -191,8 +191,8 @@ int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage
 	mpc->markov = storage;
 	mpc->free_error = mpc->markov + n * (WINDOW + inputs);
 	mpc->state = mpc->free_error + states;
-	mpc->diagonal = mpc->state + states;
-	mpc->plan = mpc->diagonal + inputs;
+	mpc->inverse = mpc->state + states;
+	mpc->plan = mpc->inverse + inputs;
 	mpc->gradient = mpc->plan + inputs;
 	mpc->trial = mpc->gradient + inputs;
 	mpc->other = mpc->trial + inputs;

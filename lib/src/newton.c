@@ -35,7 +35,8 @@ static void generate(KOOP(mpc) *mpc) {
 	}
 	for (size_t i = 0; i < n; i++) {
 		for (size_t k = 0; k < n; k++) {
-			add_scaled(generator_row(mpc, m + i), root_q[k * n + i], markov_row(mpc, k), V);
+			const real root = root_q[k * n + i];
+			if (root != 0) { add_scaled(generator_row(mpc, m + i), root, markov_row(mpc, k), V); }
 		}
 	}
 }

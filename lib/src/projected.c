@@ -21,14 +21,14 @@ static int begin_way(KOOP(mpc) *mpc) {
 	real promise[2] = {0, 0};
 	int at_bound;
 	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound), step = MATH(fabs)(g) / (mpc->diagonal[q] * mpc->steepest);
+		const real g = way_down(mpc, q, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->steepest;
 		const real room = g > 0 ? mpc->plan[q] - c->u_min[q % m] : c->u_max[q % m] - mpc->plan[q];
 		promise[at_bound] += MATH(fabs)(g) * (step < room ? step : room);
 	}
 	const int leave = promise[1] > promise[0];
 	for (size_t q = 0; q < V; q++) {
 		const real g = way_down(mpc, q, &at_bound);
-		mpc->way[q] = at_bound == leave ? -g / mpc->diagonal[q] : 0;
+		mpc->way[q] = at_bound == leave ? -g * mpc->inverse[q] : 0;
 	}
 	return leave;
 }
@@ -40,13 +40,13 @@ static int continue_way(KOOP(mpc) *mpc, real curvature) {
 	real promise[2] = {0, 0}, turn = 0;
 	int at_bound;
 	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound), scaled_g = g / mpc->diagonal[q];
+		const real g = way_down(mpc, q, &at_bound), scaled_g = g * mpc->inverse[q];
 		promise[at_bound] += g * scaled_g;
 		turn += at_bound ? 0 : scaled_g * mpc->bent[q];
 	}
 	for (size_t q = 0; q < V; q++) {
 		const real g = way_down(mpc, q, &at_bound);
-		mpc->way[q] = at_bound ? 0 : turn / curvature * mpc->way[q] - g / mpc->diagonal[q];
+		mpc->way[q] = at_bound ? 0 : turn / curvature * mpc->way[q] - g * mpc->inverse[q];
 	}
 	return promise[0] >= promise[1];
 }
@@ -70,7 +70,7 @@ static void project_gradient(KOOP(mpc) *mpc) {
 	int at_bound;
 	for (size_t q = 0; q < V; q++) {
 		const real g = way_down(mpc, q, &at_bound);
-		mpc->plan[q] -= at_bound ? 0 : g / (mpc->diagonal[q] * mpc->steepest);
+		mpc->plan[q] -= at_bound ? 0 : g * mpc->inverse[q] / mpc->steepest;
 	}
 	clip_all(&mpc->config, mpc->plan);
 }
@@ -81,7 +81,7 @@ static real bend(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	real square = 0;
 	multiply_hessian(mpc, mpc->way, mpc->bent);
-	for (size_t q = 0; q < V; q++) { square += mpc->diagonal[q] * mpc->way[q] * mpc->way[q]; }
+	for (size_t q = 0; q < V; q++) { square += mpc->way[q] * mpc->way[q] / mpc->inverse[q]; }
 	const real curvature = dot(mpc->way, mpc->bent, V);
 	mpc->steepest = max_of(mpc->steepest, curvature / square);
 	return curvature;

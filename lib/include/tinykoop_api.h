@@ -252,6 +252,7 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL steepest;                         /* largest eigenvalue seen of the scaled Hessian */
 	KOOP_REAL noise;                            /* a residual below this can be all round-off */
 	size_t n_free;
+	int planned;  /* plan and set are those of the last solve */
 	int factored; /* factor is one over this choice of free inputs */
 	int fresh;    /* and of this solve's Hessian */
 } KOOP(mpc);

@@ -71,7 +71,8 @@ static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	const real tolerance = mpc->config.tolerance;
 	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && result->residual > tolerance; k++, result->iterations++) {
-		choose_free(mpc);
+		const int guessed = k == 0 && mpc->planned; /* the bounds that held the last plan hold this one */
+		if (!guessed) { choose_free(mpc); }
 		int status = try_newton(mpc, 1);
 		if (status != KOOP_OK) { return status; }
 		real residual = evaluate(mpc, mpc->trial, mpc->other);
@@ -79,7 +80,7 @@ static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 		const real rho = after / before;
 		int downhill = rise(mpc) < 0 || residual < result->residual;
 		if (!mpc->fresh && !(downhill && after * rho * rho <= tolerance)) { mpc->factored = 0; }
-		if (!mpc->fresh && !downhill) { continue; }
+		if (!downhill && (!mpc->fresh || guessed)) { continue; }
 		if (result->residual < mpc->noise && !(residual < result->residual / 2)) { break; }
 		if (!downhill) {
 			status = try_newton(mpc, 0);
@@ -174,6 +175,7 @@ int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 	}
 	mpc->n_free = V;
 	mpc->factored = 0;
+	mpc->planned = 0;
 	return KOOP_OK;
 }
 
@@ -219,10 +221,18 @@ int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage
 	return KOOP(mpc_reset)(mpc);
 }
 
-/* The plan of the last step, one step on; its last input stands for two. */
+/* The plan of the last solve and the bounds that held it, one step on; its last input
+ * stands for two. */
 static void shift_plan(KOOP(mpc) *mpc) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
-	for (size_t q = V; q-- > m;) { mpc->plan[q] = mpc->plan[q - m]; }
+	mpc->n_free = 0;
+	for (size_t q = V; q-- > 0;) {
+		const size_t from = q < m ? q : q - m;
+		mpc->plan[q] = mpc->plan[from];
+		if (mpc->set[q] != mpc->set[from]) { mpc->factored = 0; }
+		mpc->set[q] = mpc->set[from];
+		mpc->n_free += mpc->set[q] == 0;
+	}
 }
 
 static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
@@ -252,6 +262,7 @@ int KOOP(mpc_solve)(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 		status = solve(mpc, theta, psi, reference, u_before, &seen);
 	}
 	if (status != KOOP_OK) { KOOP(mpc_reset)(mpc); }
+	mpc->planned = status == KOOP_OK;
 	for (size_t j = 0; j < m; j++) {
 		u[j] = status == KOOP_OK ? mpc->plan[(H - 1) * m + j] : mpc->config.u_safe[j];
 	}

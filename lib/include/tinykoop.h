@@ -106,7 +106,7 @@ enum {
 #define KOOP_MPC_REALS_GRADIENT(N, n, m, H) KOOP_MPC_REALS(N, n, m, H)
 #define KOOP_MPC_REALS_NEWTON(N, n, m, H)                                                                    \
 	(KOOP_MPC_REALS(N, n, m, H) + ((n) + (m)) * KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW +                  \
-	 (size_t)(H) * (m) * ((size_t)(H) * (m) + 1u) / 2u + KOOP_MPC_GROUP)
+	 (size_t)(H) * (m) * ((size_t)(H) * (m) + 1u) / 2u + KOOP_MPC_GROUP * (KOOP_MPC_GROUP + 2u))
 /* to be added to either with an input-rate penalty S */
 #define KOOP_MPC_REALS_RATE(m, H) ((size_t)(m) * KOOP_MPC_PAD((H) * (m)))
 

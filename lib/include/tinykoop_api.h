@@ -247,6 +247,7 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL *gradient, *trial, *other, *step; /* scratch: H m each */
 	KOOP_REAL *way, *bent;                      /* scratch: trial and other by other names */
 	KOOP_REAL *work;                            /* scratch */
+	KOOP_REAL *square;                          /* scratch: 4 x 4 of the factor, and 4 */
 	KOOP_REAL *generator;                       /* of the Hessian: n + m rows of H m, or n + 2 m with S */
 	KOOP_REAL *factor;                          /* packed Cholesky factor over the free inputs */
 	KOOP_REAL steepest;                         /* largest eigenvalue seen of the scaled Hessian */

@@ -20,7 +20,8 @@ static size_t padded(size_t k) {
 }
 
 /* y[0..7] += sum over k of x[k dx] w[k dw ..  k dw + 7]; w moves by dw, forwards or backwards */
-static void add_windows(real *restrict y, const real *x, size_t dx, size_t n, const real *w, ptrdiff_t dw) {
+OUT_OF_LINE static void add_windows(real *restrict y, const real *x, size_t dx, size_t n, const real *w,
+                                    ptrdiff_t dw) {
 	real s0 = y[0], s1 = y[1], s2 = y[2], s3 = y[3], s4 = y[4], s5 = y[5], s6 = y[6], s7 = y[7];
 	for (; n > 0; n--) {
 		const real a = *x;
@@ -216,8 +217,8 @@ static void weigh_column(const KOOP(mpc) *mpc, size_t q, real *weighted) {
 }
 
 /* Condenses: Markov parameters, free response, diagonal of the Hessian. */
-static int condense(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
-                    const real *u_before) {
+OUT_OF_LINE static int condense(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
+                                const real *u_before) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon;
 	real *weighted = mpc->work;

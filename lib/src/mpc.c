@@ -38,15 +38,9 @@ static real rise(const KOOP(mpc) *mpc) {
 
 /* trial = plan, with the free inputs on to where their gradient vanishes; `in_box`:
  * as far as the box lets them. */
-static int try_newton(KOOP(mpc) *mpc, int in_box) {
-	if (!mpc->factored) {
-		const int status = factor_free(mpc);
-		if (status != KOOP_OK) { return status; }
-		mpc->factored = mpc->fresh = 1;
-	}
+static void try_newton(KOOP(mpc) *mpc, int in_box) {
 	copy(mpc->trial, mpc->plan, mpc->config.horizon * mpc->config.n_inputs);
 	newton_step(mpc, mpc->trial, mpc->gradient, in_box);
-	return KOOP_OK;
 }
 
 /* Halves the trial's step until it goes downhill. */
@@ -73,8 +67,9 @@ static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && result->residual > tolerance; k++, result->iterations++) {
 		const int guessed = k == 0 && mpc->planned; /* the bounds that held the last plan hold this one */
 		if (!guessed) { choose_free(mpc); }
-		int status = try_newton(mpc, 1);
+		const int status = mpc->factored ? KOOP_OK : factor_free(mpc);
 		if (status != KOOP_OK) { return status; }
+		try_newton(mpc, 1);
 		real residual = evaluate(mpc, mpc->trial, mpc->other);
 		const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->other);
 		const real rho = after / before;
@@ -83,8 +78,7 @@ static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 		if (!downhill && (!mpc->fresh || guessed)) { continue; }
 		if (result->residual < mpc->noise && !(residual < result->residual / 2)) { break; }
 		if (!downhill) {
-			status = try_newton(mpc, 0);
-			if (status != KOOP_OK) { return status; }
+			try_newton(mpc, 0);
 			residual = shorten(mpc);
 			downhill = rise(mpc) < 0;
 		}
@@ -206,7 +200,8 @@ int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage
 	mpc->way = mpc->trial;
 	mpc->bent = mpc->other;
 	const size_t newton = config->method == KOOP_MPC_NEWTON;
-	mpc->generator = newton ? mpc->work + KOOP_MPC_WORK(config->n_lifted, n, m, H) : NULL;
+	mpc->square = newton ? mpc->work + KOOP_MPC_WORK(config->n_lifted, n, m, H) : NULL;
+	mpc->generator = newton ? mpc->square + GROUP * (GROUP + 1) : NULL;
 	mpc->factor = newton ? mpc->generator + generator_rows(config) * inputs + WINDOW : NULL;
 	mpc->steepest = 1;
 	mpc->noise = 0;

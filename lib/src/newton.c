@@ -20,7 +20,7 @@ static real *generator_row(const KOOP(mpc) *mpc, size_t i) {
 	return mpc->generator + i * padded(mpc->config.horizon * mpc->config.n_inputs);
 }
 
-static void generate(KOOP(mpc) *mpc) {
+OUT_OF_LINE static void generate(KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs, V = c->horizon * m;
 	const real *root_r = mpc->roots, *root_s = root_r + m * m, *root_q = root_s + m * m;
@@ -47,7 +47,7 @@ static void generate(KOOP(mpc) *mpc) {
 #define MIX_STORE(lane) first[lane] += a * s##lane;
 
 /* Eight columns of n rows += scale normal normal' times them */
-static void mix_rows(real *first, const real *normal, real scale, size_t n, ptrdiff_t stride) {
+OUT_OF_LINE static void mix_rows(real *first, const real *normal, real scale, size_t n, ptrdiff_t stride) {
 	LANES_8(MIX_BEGIN)
 	const real *from = first;
 	for (size_t i = 0; i < n; i++) {
@@ -103,7 +103,7 @@ static void pack_row(KOOP(mpc) *mpc, size_t r, const real *full, size_t q) {
 }
 
 /* Eliminates the leading blocks whose inputs are all free; *lead: how many inputs. */
-static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
+OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	*lead = 0;
 	while (*lead < V && mpc->set[*lead] == 0) { ++*lead; }
@@ -135,8 +135,8 @@ static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 #define SQUARE_END(i, lane) sum[i * GROUP + lane] = s##i##lane;
 
 /* sum = what rows from..r-1 take from rows r..r+3 in columns e..e+3 */
-static void square_above(const real *factor, size_t size, size_t from, size_t r, size_t e,
-                         real *restrict sum) {
+OUT_OF_LINE static void square_above(const real *factor, size_t size, size_t from, size_t r, size_t e,
+                                     real *restrict sum) {
 	SQUARE(SQUARE_BEGIN)
 	const real *above = factor + packed_offset(from, size) + r;
 	for (size_t step = size - 1 - from; step > size - 1 - r; step--) {
@@ -149,8 +149,9 @@ static void square_above(const real *factor, size_t size, size_t from, size_t r,
 }
 
 /* Rows r..r+count-1 hold the Schur complement of the rows before `from`; they become those of the factor. */
-static int factor_group(real *factor, size_t size, size_t from, size_t r, size_t count) {
-	real sum[GROUP * GROUP], before[GROUP];
+OUT_OF_LINE static int factor_group(const KOOP(mpc) *mpc, size_t from, size_t r, size_t count) {
+	real *factor = mpc->factor, *sum = mpc->square, *before = sum + GROUP * GROUP;
+	const size_t size = mpc->n_free;
 	for (size_t i = 0; i < count; i++) { before[i] = factor[packed_offset(r + i, size) + r + i]; }
 	for (size_t e = r; e < size; e += GROUP) {
 		const size_t end = e + GROUP < size ? e + GROUP : size;
@@ -175,33 +176,38 @@ static int factor_group(real *factor, size_t size, size_t from, size_t r, size_t
 	return KOOP_OK;
 }
 
-static int factor_free(KOOP(mpc) *mpc) {
-	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, size = mpc->n_free;
-	const ptrdiff_t stride = (ptrdiff_t)padded(V);
-	generate(mpc);
+/* The row of the Schur complement that belongs to this input, from its block on; to be
+ * called for one input after the other. */
+OUT_OF_LINE static const real *schur_row(KOOP(mpc) *mpc, size_t self) {
+	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, count = generator_rows(&mpc->config);
+	const size_t block = self / m * m;
+	real *sum = mpc->work + self % m * padded(V), *column = mpc->work + m * padded(V);
+	for (size_t i = 0; i < count; i++) { column[i] = generator_row(mpc, i)[self]; }
+	for (size_t q = 0; q < V - block; q += WINDOW) {
+		add_windows(sum + q, column, 1, count, mpc->generator + block + q, (ptrdiff_t)padded(V));
+	}
+	return sum + self % m;
+}
+
+OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
+	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	size_t lead, count = 0;
+	generate(mpc);
 	int status = factor_leading(mpc, &lead);
-	if (status != KOOP_OK) { return status; }
 	for (size_t q = 0; q < m * padded(V); q++) { mpc->work[q] = 0; }
-	for (size_t self = lead, r = lead; r < size; self++) {
-		real *sum = mpc->work + self % m * padded(V);
-		const size_t block = self / m * m;
-		real *column = mpc->work + m * padded(V);
-		for (size_t i = 0; i < generator_rows(&mpc->config); i++) { column[i] = generator_row(mpc, i)[self]; }
-		for (size_t q = 0; q < V - block; q += WINDOW) {
-			add_windows(sum + q, column, 1, generator_rows(&mpc->config), mpc->generator + block + q, stride);
-		}
+	for (size_t self = lead, r = lead; r < mpc->n_free && status == KOOP_OK; self++) {
+		const real *row = schur_row(mpc, self);
 		if (mpc->set[self] != 0) { continue; }
-		pack_row(mpc, r + count, sum + self - block, self);
+		pack_row(mpc, r + count, row, self);
 		count++;
-		if (count == GROUP || r + count == size) {
-			status = factor_group(mpc->factor, size, lead, r, count);
-			if (status != KOOP_OK) { return status; }
+		if (count == GROUP || r + count == mpc->n_free) {
+			status = factor_group(mpc, lead, r, count);
 			r += count;
 			count = 0;
 		}
 	}
-	return KOOP_OK;
+	mpc->factored = mpc->fresh = status == KOOP_OK;
+	return status;
 }
 
 /* v over the free inputs to where the gradient vanishes. Back substitution runs

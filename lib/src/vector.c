@@ -3,6 +3,13 @@
  * the operations, and compilers turn each group into vector instructions
  * already at -O2. */
 
+/* Where a compiler would merge functions and with them their stack. */
+#if defined(__GNUC__)
+#define OUT_OF_LINE __attribute__((noinline))
+#else
+#define OUT_OF_LINE
+#endif
+
 static int is_finite(real a) {
 	return a - a == 0;
 }

@@ -1,6 +1,7 @@
 """What the compiled library promises, read from its object files: no warnings, no heap, no writable data,
 no double arithmetic in float32, no recursion, bounded stack, and only its own names."""
 
+import functools
 import platform
 import re
 import shutil
@@ -180,12 +181,16 @@ def calls(graph, tables):
         if target != "__indirect_call":
             reached[source].add(target)
             continue
-        text = Path(path).read_text().splitlines()[int(line) - 1]
-        (member,) = re.findall(r"->(\w+)\(", text)
-        could_be = {name for name in tables if re.match(rf"{member}_|.*_{member}$", name)}
-        assert could_be, f"who is {member}?"
-        reached[source] |= could_be
+        reached[source] |= who_could_be(path, int(line), tables)
     return reached
+
+
+def who_could_be(path, line, tables):
+    text = Path(path).read_text().splitlines()[line - 1]
+    (member,) = re.findall(r"->(\w+)\(", text)
+    found = {name for name in tables if re.match(rf"{member}_|.*_{member}$", name)}
+    assert found, f"who is {member}?"
+    return found
 
 
 def cycle(reached):
@@ -219,6 +224,40 @@ def test_no_recursion(tmp_path, unit):
     reached = possible_calls(LIB / f"{unit}.c", tmp_path / f"{unit}.o")
     assert {"plain_apply", "sqrt_apply", "decide_sift", "lift_rbf_ddr"} <= set().union(*reached.values())
     assert cycle(reached) is None
+
+
+def deepest(graph, tables):
+    """{public function: (bytes of stack with all that it calls, the calls)}."""
+    title = r'"(?:[^"]*:)?([^":]+)"'
+    frames = {name: int(size) for name, size in re.findall(rf'title: {title} label: "[^"]*?(\d+) bytes \(', graph)}
+    called = {name: set() for name in frames}
+    for source, target, path, line in re.findall(
+        rf'sourcename: {title} targetname: {title}(?: label: "([^"]*):(\d+):\d+")?', graph
+    ):
+        called[source] |= who_could_be(path, int(line), tables) if target == "__indirect_call" else {target}
+
+    @functools.cache
+    def depth(name):
+        below = max(map(depth, called.get(name, ())), default=(0, []))
+        return frames.get(name, 0) + below[0], [name, *below[1]]
+
+    return {name: depth(name) for name in frames if name.startswith("koop")}
+
+
+@needs["gcc"]
+@needs["objdump"]
+@pytest.mark.parametrize("optimise", ["-O2", "-Os"])
+@pytest.mark.parametrize("unit", UNITS)
+def test_stack_of_public_calls(tmp_path, unit, optimise):
+    """Frame by frame down to the last function called; that of libm is not counted."""
+    out = tmp_path / f"{unit}.o"
+    flags = ["-std=c99", optimise, *BARE, "-fcallgraph-info=su", "-ffunction-sections", f"-I{LIB / 'include'}"]
+    if subprocess.run(["gcc", *flags, "-c", LIB / f"{unit}.c", "-o", out], capture_output=True).returncode:
+        pytest.skip("this gcc has no -fcallgraph-info")
+    depths = deepest(out.with_suffix(".ci").read_text(), held_in_tables(run("objdump", "-r", out)))
+    assert len(depths) > 15 and depths[f"{unit}_mpc_solve"][0] > 200
+    for name, (size, path) in depths.items():
+        assert size <= STACK, f"{name}: {' > '.join(path)}"
 
 
 @needs["gcc"]

@@ -1,0 +1,361 @@
+/* The guard: which model the controller plans on. Uses the public interface only. */
+
+enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = KOOP_GUARD_OFFLINE };
+
+#define GUARD_ERROR_STEPS 20     /* memory of the one-step errors */
+#define GUARD_TRACKING_STEPS 100 /* memory of the tracking error */
+#define GUARD_WILD 100           /* a sample counts for at most this times the offline model's mean */
+#define GUARD_LONGEST 16         /* a wait grows to at most this times the patience */
+#define GUARD_SETTLED 4          /* patiences of trust before a model is kept as last good */
+#define GUARD_KNOWN 100          /* P starts again at p0 over this, since Theta then is a sound one */
+
+static int is_finite(real a) {
+	return a - a == 0;
+}
+
+static size_t theta_reals(const KOOP(guard) *g) {
+	return (g->n_lifted + g->n_inputs) * KOOP_PAD(g->n_lifted);
+}
+
+/* y = x */
+static void copy(real *y, const real *x, size_t count) {
+	for (size_t i = 0; i < count; i++) { y[i] = x[i]; }
+}
+
+static real weight(const KOOP(guard) *g, size_t i) {
+	return g->Q[i * (g->n_states + 1)];
+}
+
+/* ---- What the models are judged by ------------------------------------------ */
+
+/* Square of the one-step error of the tracked states, weighed by the diagonal of Q. */
+static real square_error(const KOOP(guard) *g, const real *theta, const real *psi, const real *u,
+                         const real *psi_next) {
+	const size_t N = g->n_lifted, rows = KOOP_PAD(N);
+	real sum = 0;
+	for (size_t i = 0; i < g->n_states; i++) {
+		real error = psi_next[i];
+		for (size_t j = 0; j < N; j++) { error -= theta[j * rows + i] * psi[j]; }
+		for (size_t j = 0; j < g->n_inputs; j++) { error -= theta[(N + j) * rows + i] * u[j]; }
+		sum += weight(g, i) * error * error;
+	}
+	return sum;
+}
+
+/* The mean squares with one more sample. A wild error, or one that is not a number,
+ * is cut, so that it is forgotten again. */
+static void judge_sample(KOOP(guard) *g, const real *online, const real *psi, const real *u,
+                         const real *psi_next) {
+	const real *const theta[] = {online, g->last_good, g->offline};
+	const real reference = square_error(g, g->offline, psi, u, psi_next);
+	if (!is_finite(reference)) { return; }
+	g->error[OFFLINE] += (reference - g->error[OFFLINE]) / GUARD_ERROR_STEPS;
+	for (int model = ONLINE; model < OFFLINE; model++) {
+		const real seen = square_error(g, theta[model], psi, u, psi_next);
+		const real most = GUARD_WILD * g->error[OFFLINE];
+		g->error[model] += ((seen <= most ? seen : most) - g->error[model]) / GUARD_ERROR_STEPS;
+	}
+}
+
+static int predicts_well(const KOOP(guard) *g) {
+	return g->error[ONLINE] <= g->config.most_error * g->config.most_error * g->error[OFFLINE];
+}
+
+/* Response of the model planned on last, of each state to each input over the
+ * horizon, weighed by Q: its square, and its product with the offline model's. */
+static void compare_response(KOOP(guard) *g, const KOOP(mpc) *mpc) {
+	const size_t m = g->n_inputs, pairs = g->n_states * m;
+	for (size_t p = 0; p < pairs; p++) { g->square[p] = g->along[p] = 0; }
+	for (size_t step = 0; step < g->horizon; step++) {
+		const real *own = g->response + step * pairs;
+		KOOP(mpc_sensitivity)(mpc, step, g->now);
+		for (size_t p = 0; p < pairs; p++) {
+			g->square[p] += weight(g, p / m) * g->now[p] * g->now[p];
+			g->along[p] += weight(g, p / m) * g->now[p] * own[p];
+		}
+	}
+}
+
+/* Whether it answers input j as the offline model does: the judged pairs in
+ * direction and size, all states together in size. */
+static int answers_alike(const KOOP(guard) *g, size_t j) {
+	const KOOP(guard_config) *c = &g->config;
+	const real least = c->least_gain * c->least_gain, most = c->most_gain * c->most_gain;
+	real sum = 0;
+	for (size_t i = 0; i < g->n_states; i++) {
+		const size_t p = i * g->n_inputs + j;
+		const real own = g->judged[p], square = g->square[p];
+		sum += square;
+		if (!(own > 0)) { continue; }
+		/* written so that NaN fails */
+		if (!(square >= least * own && square <= most * own)) { return 0; }
+		if (!(g->along[p] >= c->least_cosine * MATH(sqrt)(square) * MATH(sqrt)(own))) { return 0; }
+	}
+	return sum <= most * g->size[j];
+}
+
+/* Whether the robot is much farther from the reference than it has been. */
+static int is_astray(KOOP(guard) *g, const real *psi) {
+	real square = 0;
+	for (size_t i = 0; i < g->n_states; i++) {
+		const real error = psi[i] - g->target[i];
+		square += weight(g, i) * error * error;
+	}
+	if (!is_finite(square)) { return 0; }
+	if (!(g->tracking > 0)) { g->tracking = square; }
+	const int astray = square > g->config.most_tracking * g->config.most_tracking * g->tracking;
+	g->tracking += (square - g->tracking) / GUARD_TRACKING_STEPS;
+	return astray;
+}
+
+/* ---- Which model ------------------------------------------------------------- */
+
+/* The last good model bridges a gap; for longer the offline model is the safer one. */
+static int fallback(const KOOP(guard) *g) {
+	return g->have_last_good && g->distrusted < g->config.patience && g->error[LAST_GOOD] <= g->error[OFFLINE]
+	           ? LAST_GOOD
+	           : OFFLINE;
+}
+
+/* The online model is not tried for a while; for longer each time it was trusted in vain. */
+static void distrust(KOOP(guard) *g) {
+	if (g->wait < g->delay) { g->wait = g->delay; }
+	if (g->model == ONLINE && g->delay < GUARD_LONGEST * g->config.patience) { g->delay *= 2; }
+}
+
+/* Starts the learner again; while it is trusted it keeps its Theta. */
+static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
+	if (g->model != ONLINE) {
+		const real *from = fallback(g) == LAST_GOOD ? g->last_good : g->offline;
+		g->error[ONLINE] = g->error[fallback(g)];
+		copy(rls->theta, from, theta_reals(g));
+		rls->theta_bound = 0;
+		for (size_t i = 0; i < theta_reals(g); i++) {
+			const real size = MATH(fabs)(from[i]);
+			if (size > rls->theta_bound) { rls->theta_bound = size; }
+		}
+	}
+	KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN);
+	g->distrusted = 0;
+	g->resets++;
+}
+
+/* What guard_control() was asked, and what came of it. */
+typedef struct KOOP(request) {
+	const real *theta[3]; /* by KOOP_GUARD_... */
+	const real *psi, *reference, *u_before;
+	real *u;
+	KOOP(mpc_result) result;
+	int status;
+} KOOP(request);
+
+/* Plans on one model; whether the plan is to be trusted. */
+static int plan(KOOP(guard) *g, KOOP(mpc) *mpc, int model, KOOP(request) *r) {
+	r->status = KOOP(mpc_solve)(mpc, r->theta[model], r->psi, r->reference, r->u_before, r->u, &r->result);
+	if (r->status != KOOP_OK || model == OFFLINE) { return r->status == KOOP_OK; }
+	compare_response(g, mpc);
+	for (size_t j = 0; j < g->n_inputs; j++) {
+		const real range = mpc->config.u_max[j] - mpc->config.u_min[j];
+		if (!(r->result.residual <= g->config.most_residual * range)) { return 0; }
+		if (!answers_alike(g, j)) { return 0; }
+	}
+	return 1;
+}
+
+/* Plans on the best model that gives a plan to be trusted, and says which. */
+static int plan_on_best(KOOP(guard) *g, KOOP(mpc) *mpc, KOOP(request) *r) {
+	int model = g->wait == 0 ? ONLINE : fallback(g);
+	while (!plan(g, mpc, model, r) && model != OFFLINE && r->status != KOOP_E_INPUT) {
+		if (model == ONLINE) { distrust(g); }
+		if (model == LAST_GOOD) { g->have_last_good = 0; }
+		model = fallback(g);
+		KOOP(mpc_reset)(mpc);
+	}
+	return r->status == KOOP_OK ? model : KOOP_GUARD_NONE;
+}
+
+/* How long the online model has been in use or out of it, and the last good one. */
+static void keep_book(KOOP(guard) *g, const real *online) {
+	if (g->model != ONLINE) {
+		g->trusted = 0;
+		g->distrusted++;
+		return;
+	}
+	g->distrusted = 0;
+	g->trusted++;
+	if (g->trusted >= g->delay) { g->delay = g->config.patience; }
+	if (g->trusted >= GUARD_SETTLED * g->config.patience && g->trusted % g->config.patience == 0) {
+		copy(g->last_good, online, theta_reals(g));
+		g->error[LAST_GOOD] = g->error[ONLINE];
+		g->have_last_good = 1;
+	}
+}
+
+/* ---- Public ------------------------------------------------------------------ */
+
+static real or_default(real value, real otherwise) {
+	return value > 0 ? value : otherwise;
+}
+
+static int guard_config_check(const KOOP(guard_config) *c) {
+	if (!c) { return KOOP_OK; }
+	const real values[] = {c->least_cosine, c->least_gain,    c->most_gain,
+	                       c->most_error,   c->most_residual, c->most_tracking};
+	for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
+		if (!(values[i] >= 0 && is_finite(values[i]))) { return KOOP_E_RANGE; }
+	}
+	return KOOP_OK;
+}
+
+static void set_config(KOOP(guard) *g, const KOOP(guard_config) *c) {
+	g->config.least_cosine = or_default(c->least_cosine, (real)0.7);
+	g->config.least_gain = or_default(c->least_gain, (real)0.2);
+	g->config.most_gain = or_default(c->most_gain, 3);
+	g->config.most_error = or_default(c->most_error, 4);
+	g->config.most_residual = or_default(c->most_residual, (real)0.01);
+	g->config.most_tracking = or_default(c->most_tracking, 3);
+	g->config.patience = c->patience ? c->patience : 15;
+	g->config.renewal = c->renewal ? c->renewal : 100;
+}
+
+/* Judged are the states that an input acts on above all, and the inputs that act
+ * on a state almost alone: small cross terms differ between sound models. */
+static void choose_pairs(KOOP(guard) *g, const KOOP(mpc_config) *c) {
+	const size_t n = g->n_states, m = g->n_inputs;
+	for (size_t i = 0; i < n; i++) {
+		real acting = 0;
+		for (size_t j = 0; j < m; j++) {
+			const real range = c->u_max[j] - c->u_min[j];
+			acting += g->judged[i * m + j] * range * range;
+		}
+		for (size_t j = 0; j < m; j++) {
+			const real range = c->u_max[j] - c->u_min[j], own = g->judged[i * m + j];
+			if (own < (real)0.1 * g->size[j] && own * range * range < (real)0.9 * acting) {
+				g->judged[i * m + j] = 0;
+			}
+		}
+	}
+}
+
+/* The response of the offline model, as the controller condenses it. */
+static int learn_response(KOOP(guard) *g, KOOP(mpc) *mpc) {
+	const size_t n = g->n_states, m = g->n_inputs;
+	/* last_good and response are still zero: a robot and a reference at rest */
+	const int status =
+	    KOOP(mpc_solve)(mpc, g->offline, g->last_good, g->response, g->last_good, g->size, NULL);
+	KOOP(mpc_reset)(mpc);
+	if (status != KOOP_OK) { return status; }
+	for (size_t step = 0; step < g->horizon; step++) {
+		KOOP(mpc_sensitivity)(mpc, step, g->response + step * n * m);
+	}
+	compare_response(g, mpc);
+	copy(g->judged, g->square, n * m);
+	for (size_t j = 0; j < m; j++) {
+		g->size[j] = 0;
+		for (size_t i = 0; i < n; i++) { g->size[j] += g->judged[i * m + j]; }
+		if (!(g->size[j] > 0 && is_finite(g->size[j]))) { return KOOP_E_MODEL; }
+	}
+	choose_pairs(g, &mpc->config);
+	return KOOP_OK;
+}
+
+static void set_storage(KOOP(guard) *g, const KOOP(mpc_config) *c, real *storage, size_t needed) {
+	const size_t pairs = c->n_states * c->n_inputs;
+	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
+	g->n_lifted = c->n_lifted;
+	g->n_states = c->n_states;
+	g->n_inputs = c->n_inputs;
+	g->horizon = c->horizon;
+	g->Q = c->Q;
+	g->offline = storage;
+	g->last_good = g->offline + theta_reals(g);
+	g->response = g->last_good + theta_reals(g);
+	g->judged = g->response + c->horizon * pairs;
+	g->now = g->judged + pairs;
+	g->square = g->now + pairs;
+	g->along = g->square + pairs;
+	g->size = g->along + pairs;
+	g->target = g->size + c->n_inputs;
+}
+
+int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(mpc) *mpc,
+                     const real *offline, real *storage, size_t reals) {
+	static const KOOP(guard) fresh;
+	if (!guard || !mpc || !mpc->plan || !offline || !storage) { return KOOP_E_NULL; }
+	const int status = guard_config_check(config);
+	if (status != KOOP_OK) { return status; }
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t needed = KOOP_GUARD_REALS(c->n_lifted, c->n_states, c->n_inputs, c->horizon);
+	if (reals < needed) { return KOOP_E_STORAGE; }
+
+	*guard = fresh;
+	set_config(guard, config ? config : &fresh.config);
+	set_storage(guard, c, storage, needed);
+	copy(guard->offline, offline, theta_reals(guard));
+	guard->model = OFFLINE;
+	guard->wait = guard->delay = guard->config.patience;
+	const int learned = learn_response(guard, mpc);
+	if (learned != KOOP_OK) { *guard = fresh; }
+	return learned;
+}
+
+static int learner_check(const KOOP(guard) *g, const KOOP(rls) *rls) {
+	if (!g || !g->offline || !rls || !rls->theta) { return KOOP_E_NULL; }
+	return rls->n_lifted == g->n_lifted && rls->config.n_inputs == g->n_inputs ? KOOP_OK : KOOP_E_SIZE;
+}
+
+int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const real *psi, const real *u,
+                       const real *psi_next, KOOP(health) *health) {
+	KOOP(health) seen;
+	int status = learner_check(guard, rls);
+	if (status != KOOP_OK) { return status; }
+	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
+	judge_sample(guard, rls->theta, psi, u, psi_next);
+	status = KOOP(rls_update)(rls, psi, u, psi_next, &seen);
+	if (health) { *health = seen; }
+	const int ruined = status != KOOP_E_INPUT && !(seen.finite && seen.positive_definite);
+	if (ruined || guard->distrusted >= guard->config.renewal) { renew(guard, rls); }
+	return status;
+}
+
+static int controller_check(const KOOP(guard) *g, const KOOP(mpc) *mpc) {
+	if (!mpc || !mpc->plan) { return KOOP_E_NULL; }
+	const KOOP(mpc_config) *c = &mpc->config;
+	const int same_model = c->n_lifted == g->n_lifted && c->n_inputs == g->n_inputs;
+	return same_model && c->n_states == g->n_states && c->horizon == g->horizon ? KOOP_OK : KOOP_E_SIZE;
+}
+
+/* What the robot's place and the last samples say of the model in use. */
+static void look_back(KOOP(guard) *g, const real *psi) {
+	if (g->wait > 0) { g->wait--; }
+	if (g->have_target && is_astray(g, psi)) {
+		g->have_last_good = 0;
+		distrust(g);
+	}
+	if (g->wait == 0 && !predicts_well(g)) { distrust(g); }
+}
+
+int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc, const real *psi,
+                        const real *reference, const real *u_before, real *u, KOOP(mpc_result) *result) {
+	int status = learner_check(guard, rls);
+	if (status == KOOP_OK) { status = controller_check(guard, mpc); }
+	if (status != KOOP_OK) { return status; }
+	if (!psi || !reference || !u || (mpc->config.S && !u_before)) { return KOOP_E_NULL; }
+
+	KOOP(request) request = {
+	    .theta = {rls->theta, guard->last_good, guard->offline},
+	    .psi = psi,
+	    .reference = reference,
+	    .u_before = u_before,
+	    .u = u,
+	};
+	look_back(guard, psi);
+	guard->model = plan_on_best(guard, mpc, &request);
+	guard->have_target = request.status == KOOP_OK;
+	if (request.status != KOOP_E_INPUT) {
+		keep_book(guard, rls->theta);
+		copy(guard->target, reference, guard->n_states);
+	}
+	if (result) { *result = request.result; }
+	return request.status;
+}

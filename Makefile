@@ -7,7 +7,7 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control ablate windup bench clean
+.PHONY: help system build c-tests demo test learn control ablate windup study guard bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -27,6 +27,12 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@$(PYTHON) -m venv $(VENV)
 	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements.txt
 	@$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e tools
+	@touch $@
+
+# The solvers that the controller is compared with: heavy, and needed nowhere else.
+$(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/ready
+	@echo "Solvers to compare with ..."
+	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-bench.txt
 	@touch $@
 
 build: $(VENV)/ready ## everything for the host: libraries, simulator, Python environment with the tinykoop command
@@ -56,10 +62,16 @@ ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: abla
 windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
 	@$(TINYKOOP) windup
 
-bench: build ## the update against Eigen, NumPy and padasip: bench.json
+study: build ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
+	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")
+
+guard: build ## 200 random closed-loop runs, guarded against unguarded: guard.json
+	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) guard
+
+bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..: bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/bench -j $(JOBS)
-	@$(TINYKOOP) bench
+	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) bench
 
 clean: ## removes build/
 	@rm -rf $(BUILD)

@@ -60,15 +60,21 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 	return TK_OK;
 }
 
+/* Theta (N x (N+2)) as rls.theta has it, into c->theta */
+static void SIM(load_theta)(SIM(controller) * c, const double *theta) {
+	const size_t N = c->mpc.config.n_lifted;
+	for (size_t i = 0; i < N; i++) {
+		for (size_t j = 0; j < N + 2; j++) { c->theta[j * KOOP_PAD(N) + i] = (REAL)theta[i * (N + 2) + j]; }
+	}
+}
+
 static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const double *psi,
                                  const double *reference, double *plan, tk_solution *solution) {
 	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
 	REAL u[2];
 	KOOP(mpc_result) result = {0};
-	for (size_t i = 0; i < N; i++) {
-		for (size_t j = 0; j < N + 2; j++) { c->theta[j * KOOP_PAD(N) + i] = (REAL)theta[i * (N + 2) + j]; }
-		c->psi[i] = (REAL)psi[i];
-	}
+	SIM(load_theta)(c, theta);
+	for (size_t i = 0; i < N; i++) { c->psi[i] = (REAL)psi[i]; }
 	for (size_t i = 0; i < 3 * H; i++) { c->reference[i] = (REAL)reference[i]; }
 	const double start = microseconds();
 	solution->status = KOOP(mpc_solve)(&c->mpc, c->theta, c->psi, c->reference, NULL, u, &result);
@@ -77,6 +83,38 @@ static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const
 	solution->residual = result.residual;
 	KOOP(mpc_plan)(&c->mpc, c->plan);
 	for (size_t i = 0; i < 2 * H; i++) { plan[i] = c->plan[i]; }
+	return TK_OK;
+}
+
+/* A guard with its storage, which is null where there is none. */
+typedef struct SIM(guarded) {
+	KOOP(guard) guard;
+	REAL *storage;
+} SIM(guarded);
+
+static int SIM(guard_open)(SIM(guarded) * g, SIM(controller) * c, const tk_guard_settings *s) {
+	*g = (SIM(guarded)){0};
+	if (!s) { return TK_OK; }
+	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
+	const KOOP(guard_config) config = {
+	    .least_cosine = (REAL)s->least_cosine,
+	    .least_gain = (REAL)s->least_gain,
+	    .most_gain = (REAL)s->most_gain,
+	    .most_error = (REAL)s->most_error,
+	    .most_residual = (REAL)s->most_residual,
+	    .most_tracking = (REAL)s->most_tracking,
+	    .patience = s->patience,
+	    .renewal = s->renewal,
+	};
+	const size_t reals = KOOP_GUARD_REALS(N, 3, 2, H);
+	g->storage = calloc(reals, sizeof(REAL));
+	if (!g->storage) { return fail("out of memory"); }
+	SIM(load_theta)(c, s->offline);
+	const int status = KOOP(guard_init)(&g->guard, &config, &c->mpc, c->theta, g->storage, reals);
+	if (status != KOOP_OK) {
+		free(g->storage);
+		return fail("guard: %s", KOOP(status_message)(status));
+	}
 	return TK_OK;
 }
 
@@ -93,15 +131,22 @@ static int SIM(solve_elsewhere)(SIM(estimator) * e, const SIM(controller) * c, c
 }
 
 static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr *robot, size_t steps,
-                        const double *reference, int learn, const tk_control_trace *trace) {
+                        const double *reference, int learn, const tk_guard_settings *guard,
+                        const tk_control_trace *trace) {
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors, H = settings->horizon;
 	SIM(controller) c;
+	SIM(guarded) g;
 	double x[3];
 	size_t snapshot = 0;
 	if (e->rls.config.dictionary->n_states != 3 || d != N + 2) {
 		return fail("control: the dictionary is not one of the differential-drive robot");
 	}
+	if (guard && settings->solver) { return fail("control: the guard works with the library's solver only"); }
 	if (SIM(controller_open)(&c, settings, N) != TK_OK) { return TK_ERROR; }
+	if (SIM(guard_open)(&g, &c, guard) != TK_OK) {
+		SIM(controller_close)(&c);
+		return TK_ERROR;
+	}
 
 	ddr_measure(robot, x);
 	int lifted = SIM(lift_one)(e, x, e->psi);
@@ -120,6 +165,8 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		int status = lifted;
 		if (lifted == KOOP_OK && settings->solver) {
 			status = SIM(solve_elsewhere)(e, &c, settings, reference + 3 * (k + 1));
+		} else if (lifted == KOOP_OK && guard) {
+			status = KOOP(guard_control)(&g.guard, &e->rls, &c.mpc, e->psi, c.reference, NULL, e->u, &result);
 		} else if (lifted == KOOP_OK) {
 			status = KOOP(mpc_solve)(&c.mpc, e->rls.theta, e->psi, c.reference, NULL, e->u, &result);
 		}
@@ -129,8 +176,13 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		ddr_step(robot, u);
 		ddr_measure(robot, x);
 		const int next = SIM(lift_one)(e, x, e->psi_next);
+		KOOP(health) health = {.innovation = (REAL)NAN};
 		if (learn && lifted == KOOP_OK && next == KOOP_OK) {
-			KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, NULL);
+			if (guard) {
+				KOOP(guard_update)(&g.guard, &e->rls, e->psi, e->u, e->psi_next, &health);
+			} else {
+				KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, &health);
+			}
 		}
 		REAL *swap = e->psi;
 		e->psi = e->psi_next;
@@ -142,8 +194,12 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		if (trace->residual) { trace->residual[k] = result.residual; }
 		if (trace->iterations) { trace->iterations[k] = (int32_t)result.iterations; }
 		if (trace->solve_us) { trace->solve_us[k] = took; }
+		if (trace->innovation) { trace->innovation[k] = health.innovation; }
+		if (trace->model) { trace->model[k] = g.guard.model; }
+		if (trace->resets) { trace->resets[k] = (int32_t)g.guard.resets; }
 	}
 	if (trace->x) { memcpy(trace->x + 3 * steps, x, sizeof x); }
+	free(g.storage);
 	SIM(controller_close)(&c);
 	return TK_OK;
 }

@@ -141,16 +141,26 @@ typedef struct tk_control_trace {
 	int32_t *status;  /* of the solver: not KOOP_OK where the safe input (0, 0) was given */
 	double *residual; /* KKT residual */
 	int32_t *iterations;
-	double *solve_us; /* condensing and solving, microseconds of wall time */
-	size_t every;     /* as in tk_trace */
+	double *solve_us;   /* condensing and solving, microseconds of wall time */
+	double *innovation; /* norm over all lifted states; NaN where nothing was learned */
+	int32_t *model;     /* guarded: KOOP_GUARD_..., what the input was planned on */
+	int32_t *resets;    /* guarded: how often the learner was started again so far */
+	size_t every;       /* as in tk_trace */
 	double *theta, *covariance;
 } tk_control_trace;
 
+/* The guard's settings; zeros mean the library's defaults. */
+typedef struct tk_guard_settings {
+	const double *offline; /* Theta, N x (N+2) */
+	double least_cosine, least_gain, most_gain, most_error, most_residual, most_tracking;
+	size_t patience, renewal;
+} tk_guard_settings;
+
 /* Drives the robot along `reference` (steps + horizon + 1 rows of 3) from x0,
- * learning at every step if `learn`. */
+ * learning at every step if `learn`; under the guard unless `guard` is null. */
 TK_API int tk_control(tk_estimator *estimator, const tk_mpc_settings *mpc, const tk_active *effects,
                       size_t n_effects, double dt, size_t steps, const double *x0, const double *reference,
-                      int learn, const tk_control_trace *trace);
+                      int learn, const tk_guard_settings *guard, const tk_control_trace *trace);
 
 /* The controller by itself, for problems that were written down. */
 typedef struct tk_controller tk_controller;

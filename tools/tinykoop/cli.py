@@ -27,7 +27,10 @@ def parser():
     add("control", "Koopman-MPC tracking of the DDR, the paper's table")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     add("windup", "float32 against float64 for every dictionary, regulator and form")
-    add("bench", "the update against peers, side by side")
+    study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
+    study.add_argument("--runs", type=int, help="runs of each setting (default 10: about four minutes)")
+    add("guard", "random closed-loop runs, guarded against unguarded")
+    add("bench", "the update and the solve against peers, side by side")
 
     play = add("replay", "a log through the eleven methods, both precisions and forms")
     play.add_argument("log")
@@ -57,6 +60,10 @@ def dispatch(a):
         from . import fit
 
         fit.run(a.log, a.model, a.dictionary, a.precision, a.platform, a.p0)
+    elif a.command == "study":
+        from . import study
+
+        study.run(a.out, study.RUNS if a.runs is None else a.runs)
     elif a.command == "bench":
         from . import bench
 

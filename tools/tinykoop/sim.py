@@ -99,9 +99,26 @@ class _ControlTrace(ct.Structure):
         ("residual", _DOUBLES),
         ("iterations", _INTS),
         ("solve_us", _DOUBLES),
+        ("innovation", _DOUBLES),
+        ("model", _INTS),
+        ("resets", _INTS),
         ("every", ct.c_size_t),
         ("theta", _DOUBLES),
         ("covariance", _DOUBLES),
+    ]
+
+
+class _GuardSettings(ct.Structure):
+    _fields_ = [
+        ("offline", _DOUBLES),
+        ("least_cosine", ct.c_double),
+        ("least_gain", ct.c_double),
+        ("most_gain", ct.c_double),
+        ("most_error", ct.c_double),
+        ("most_residual", ct.c_double),
+        ("most_tracking", ct.c_double),
+        ("patience", ct.c_size_t),
+        ("renewal", ct.c_size_t),
     ]
 
 
@@ -236,6 +253,35 @@ class Mpc:
             self.horizon, (ct.c_double * 3)(*self.q), (ct.c_double * 2)(*self.r), (ct.c_double * 2)(*self.u_min),
             (ct.c_double * 2)(*self.u_max), self.tolerance, self.method, solver,
         )  # fmt: skip
+
+
+MODELS = ("online", "last good", "offline", "none")  # what the guard plans on, KOOP_GUARD_...
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The guard with its offline model (N, N+2); zeros mean the library's defaults."""
+
+    offline: np.ndarray
+    least_cosine: float = 0.0
+    least_gain: float = 0.0
+    most_gain: float = 0.0
+    most_error: float = 0.0
+    most_residual: float = 0.0
+    most_tracking: float = 0.0
+    patience: int = 0
+    renewal: int = 0
+
+    def _settings(self, shape):
+        offline = _in(self.offline)
+        if offline.shape != shape:
+            raise ValueError(f"expected an offline model of shape {shape}, got {offline.shape}")
+        settings = _GuardSettings(
+            _doubles(offline), self.least_cosine, self.least_gain, self.most_gain, self.most_error,
+            self.most_residual, self.most_tracking, self.patience, self.renewal,
+        )  # fmt: skip
+        settings.keep = offline
+        return ct.byref(settings)
 
 
 @dataclass(frozen=True)
@@ -378,22 +424,25 @@ class Estimator:
         )  # fmt: skip
         return out
 
-    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0, solver=None):
+    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0, solver=None, guard=None):
         """Drives the DDR along `reference` (steps + horizon + 1, 3) with Koopman-MPC on this model.
 
         solver(theta (N, N+2), psi (N), reference (horizon, 3)) -> u (2) or None: plans in the
         library's place; None is a fallback to the safe input (0, 0).
 
+        guard: a Guard; the traces then have model (index into MODELS) and resets (of the learner, so far).
+
         Returns a dict of traces, one row for each step: u, status (not 0: the safe input was
-        given), residual (KKT), iterations, solve_us; x has one row more; with every > 0 theta and
+        given), residual (KKT), iterations, solve_us, innovation; x has one row more; with every > 0 theta and
         covariance as in replay().
         """
         reference, x0 = _in(reference, 3), _in(x0)
         if len(reference) < steps + mpc.horizon + 1:
             raise ValueError(f"{len(reference)} rows of reference do not cover {steps} steps and the horizon")
         out = {"x": np.empty((steps + 1, 3)), "u": np.empty((steps, 2))}
-        out |= {name: np.empty(steps) for name in ("residual", "solve_us")}
+        out |= {name: np.empty(steps) for name in ("residual", "solve_us", "innovation")}
         out |= {name: np.empty(steps, np.int32) for name in ("status", "iterations")}
+        out |= {name: np.empty(steps, np.int32) for name in ("model", "resets") if guard}
         if every:
             count = -(-steps // every)
             out["theta"] = np.empty((count, self.N, self.d))
@@ -405,7 +454,7 @@ class Estimator:
         _check(
             "tk_control", self._handle, ct.byref(settings), _active_effects(active), ct.c_size_t(len(active)),
             ct.c_double(dt), ct.c_size_t(steps), _doubles(x0), _doubles(reference), ct.c_int(learn),
-            ct.byref(c_trace),
+            guard._settings((self.N, self.d)) if guard else None, ct.byref(c_trace),
         )  # fmt: skip
         return out
 

@@ -1,0 +1,365 @@
+/* The guard in closed loop with a robot of its own: faults are planted in the
+ * learner, the model in use and the distance from the path are watched. */
+#include "tinykoop_guard.h"
+
+#include "support.h"
+
+enum { H = 50, M = 2, STATES = 3, MOST_N = 22, D = MOST_N + M };
+
+static const double dt = 0.05;
+
+/* All that a run needs. */
+typedef struct {
+	const KOOP(dictionary) *dictionary;
+	KOOP(rls) rls;
+	KOOP(mpc) mpc;
+	KOOP(guard) guard;
+	real rls_storage[KOOP_RLS_REALS_PLAIN(MOST_N, M)];
+	real mpc_storage[KOOP_MPC_REALS_NEWTON(MOST_N, STATES, M, H)];
+	real guard_storage[KOOP_GUARD_REALS(MOST_N, STATES, M, H)];
+	real offline[D * KOOP_PAD(MOST_N)];
+	real Q[STATES * STATES], R[M * M], low[M], high[M], safe[M];
+	double x[STATES]; /* true */
+	real psi[MOST_N], psi_next[MOST_N], u[M];
+	double gain; /* of the robot's speed */
+	int stuck;   /* 1: the sensor gives the same reading again */
+	int frozen;  /* 1: the learner gets no samples */
+	size_t k;
+	double error; /* distance from the path, m */
+} loop;
+
+static loop l;
+
+/* Straight-line model about 1.5 m/s, which only the tracked states and theta take part in. */
+static void write_offline(size_t N) {
+	const size_t rows = KOOP_PAD(N);
+	memset(l.offline, 0, sizeof l.offline);
+	for (size_t i = 0; i < N; i++) { l.offline[i * rows + i] = 1; }
+	l.offline[2 * rows + 1] = (real)(1.5 * dt);
+	l.offline[N * rows + 0] = (real)dt;
+	l.offline[(N + 1) * rows + 2] = (real)dt;
+}
+
+static double path(double t, size_t i) {
+	const double pace = 0.7, size = 0.4;
+	return i == 0 ? 1.5 * t : i == 1 ? size * sin(pace * t) : atan(size * pace / 1.5 * cos(pace * t));
+}
+
+static void lift(real *psi) {
+	real x[STATES];
+	for (size_t i = 0; i < STATES; i++) { x[i] = (real)l.x[i]; }
+	CHECK_STATUS(KOOP_OK, KOOP(lift)(l.dictionary, x, psi));
+}
+
+static void begin(const KOOP(dictionary) *dictionary, const KOOP(regulator) *regulator,
+                  const KOOP(form) *form, int check) {
+	memset(&l, 0, sizeof l);
+	l.dictionary = dictionary;
+	l.gain = 1;
+	const real q[] = {20, 20, 3}, r[] = {(real)0.05, (real)0.08};
+	for (size_t i = 0; i < STATES; i++) { l.Q[i * (STATES + 1)] = q[i]; }
+	for (size_t j = 0; j < M; j++) { l.R[j * (M + 1)] = r[j]; }
+	l.high[0] = (real)3.5;
+	l.high[1] = (real)1.2;
+	l.low[1] = (real)-1.2;
+	const KOOP(config) config = {
+	    .dictionary = dictionary,
+	    .n_inputs = M,
+	    .regulator = regulator,
+	    .form = form,
+	    .lambda = (real)0.98,
+	    .p0 = 100,
+	    .delta = (real)0.01,
+	    .check = check,
+	};
+	const KOOP(mpc_config) mpc = {
+	    .n_lifted = dictionary->n_lifted,
+	    .n_states = STATES,
+	    .n_inputs = M,
+	    .horizon = H,
+	    .Q = l.Q,
+	    .R = l.R,
+	    .u_min = l.low,
+	    .u_max = l.high,
+	    .u_safe = l.safe,
+	};
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(rls_init)(&l.rls, &config, l.rls_storage, sizeof l.rls_storage / sizeof(real)));
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&l.mpc, &mpc, l.mpc_storage, sizeof l.mpc_storage / sizeof(real)));
+	write_offline(dictionary->n_lifted);
+	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&l.guard, NULL, &l.mpc, l.offline, l.guard_storage,
+	                                       KOOP_GUARD_REALS(dictionary->n_lifted, STATES, M, H)));
+	for (size_t i = 0; i < STATES; i++) { l.x[i] = path(0, i); }
+	lift(l.psi);
+}
+
+/* One control period; returns the model that was used. */
+static int step(void) {
+	real reference[H * STATES];
+	for (size_t h = 0; h < H; h++) {
+		for (size_t i = 0; i < STATES; i++) {
+			reference[h * STATES + i] = (real)path(dt * (double)(l.k + 1 + h), i);
+		}
+	}
+	KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, l.u, NULL);
+	for (size_t j = 0; j < M; j++) {
+		CHECK(l.u[j] >= l.low[j] && l.u[j] <= l.high[j], "step %zu: u[%zu] = %g", l.k, j, (double)l.u[j]);
+	}
+	l.x[0] += dt * l.gain * (double)l.u[0] * cos(l.x[2]);
+	l.x[1] += dt * l.gain * (double)l.u[0] * sin(l.x[2]);
+	l.x[2] += dt * (double)l.u[1];
+	l.k++;
+	if (l.stuck) {
+		memcpy(l.psi_next, l.psi, sizeof l.psi);
+	} else {
+		lift(l.psi_next);
+	}
+	if (!l.frozen) { KOOP(guard_update)(&l.guard, &l.rls, l.psi, l.u, l.psi_next, NULL); }
+	memcpy(l.psi, l.psi_next, sizeof l.psi);
+	l.error = hypot(l.x[0] - path(dt * (double)l.k, 0), l.x[1] - path(dt * (double)l.k, 1));
+	return l.guard.model;
+}
+
+/* Largest distance from the path over some steps, and when the online model was first and last used. */
+typedef struct {
+	double error;
+	size_t first_online, last_online, online; /* counted from 0; `steps` where never */
+} watch;
+
+static watch drive(size_t steps) {
+	watch w = {0, steps, steps, 0};
+	for (size_t k = 0; k < steps; k++) {
+		if (step() == KOOP_GUARD_ONLINE) {
+			w.first_online = w.first_online < k ? w.first_online : k;
+			w.last_online = k;
+			w.online++;
+		}
+		w.error = fmax(w.error, l.error);
+	}
+	return w;
+}
+
+static const KOOP(dictionary) *dictionaries[2];
+
+static void for_both(void (*test)(const KOOP(dictionary) *)) {
+	dictionaries[0] = &KOOP(poly_ddr);
+	dictionaries[1] = &KOOP(rbf_ddr);
+	for (size_t i = 0; i < 2; i++) { test(dictionaries[i]); }
+}
+
+/* SIFt learns from Theta = 0 while the offline model drives, and is in use after. */
+static void settle(const KOOP(dictionary) *dictionary, int check) {
+	begin(dictionary, &KOOP(reg_sift), &KOOP(form_plain), check);
+	const watch w = drive(400);
+	CHECK(w.error < 0.15, "%s strays by %g m while learning", dictionary->name, w.error);
+	CHECK(w.first_online >= 14, "%s trusted at step %zu", dictionary->name, w.first_online);
+	CHECK(l.guard.model == KOOP_GUARD_ONLINE, "%s not in use after 400 steps", dictionary->name);
+}
+
+/* After a fault: the path is kept, and the online model is in use again within `back` steps. */
+static void recovers(const char *fault, const KOOP(dictionary) *dictionary, size_t back) {
+	const watch w = drive(back);
+	CHECK(w.error < 0.3, "%s, %s: strays by %g m", fault, dictionary->name, w.error);
+	CHECK(w.online > 0, "%s, %s: online model not back after %zu steps", fault, dictionary->name, back);
+}
+
+static void not_online(const char *fault, const KOOP(dictionary) *dictionary) {
+	const int model = step();
+	CHECK(model == KOOP_GUARD_LAST_GOOD || model == KOOP_GUARD_OFFLINE, "%s, %s: planned on %d", fault,
+	      dictionary->name, model);
+}
+
+static void nan_theta(const KOOP(dictionary) *dictionary) {
+	settle(dictionary, KOOP_CHECK_REPORT);
+	l.rls.theta[1] = (real)NAN;
+	not_online("NaN in Theta", dictionary);
+	recovers("NaN in Theta", dictionary, 300);
+}
+
+static void garbage_theta(const KOOP(dictionary) *dictionary) {
+	const size_t N = dictionary->n_lifted;
+	const double sizes[] = {0.1, 1, 1e3, 1e30};
+	for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+		random_source random = random_seed(7 + s);
+		settle(dictionary, KOOP_CHECK_REPORT);
+		random_fill(&random, l.rls.theta, (N + M) * KOOP_PAD(N), -sizes[s], sizes[s]);
+		not_online("garbage in Theta", dictionary);
+		recovers("garbage in Theta", dictionary, 300);
+	}
+}
+
+static void flipped_inputs(const KOOP(dictionary) *dictionary) {
+	const size_t N = dictionary->n_lifted, rows = KOOP_PAD(N);
+	for (size_t j = 0; j < M; j++) {
+		settle(dictionary, KOOP_CHECK_REPORT);
+		for (size_t i = 0; i < N; i++) { l.rls.theta[(N + j) * rows + i] *= -1; }
+		not_online("sign of B", dictionary);
+		recovers("sign of B", dictionary, 300);
+	}
+}
+
+/* P is started again at the next sample; the model may stay in use. */
+static void indefinite_covariance(const KOOP(dictionary) *dictionary) {
+	settle(dictionary, KOOP_CHECK_REPORT);
+	const size_t before = l.guard.resets;
+	for (size_t i = 0; i < l.rls.n_regressors; i++) {
+		l.rls.covariance[i * (l.rls.n_regressors_padded + 1)] = -100;
+	}
+	step();
+	CHECK(l.guard.resets == before + 1, "%s: learner not started again", dictionary->name);
+	CHECK(l.rls.positive_definite, "%s: P still indefinite", dictionary->name);
+	recovers("indefinite P", dictionary, 300);
+}
+
+/* One second without news: no model can help the robot in the meantime, but all must be well after. */
+static void stuck_sensor(const KOOP(dictionary) *dictionary) {
+	settle(dictionary, KOOP_CHECK_REPORT);
+	l.stuck = 1;
+	drive(20);
+	CHECK(l.guard.model != KOOP_GUARD_ONLINE, "%s: online model still in use", dictionary->name);
+	l.stuck = 0;
+	drive(300);
+	recovers("stuck sensor", dictionary, 300);
+}
+
+/* A prediction that drifts off, with inputs that still act as they should. The distance from the path is
+ * not to give it away first. */
+static void drifting_prediction(const KOOP(dictionary) *dictionary) {
+	settle(dictionary, KOOP_CHECK_REPORT);
+	l.guard.config.most_tracking = 1000;
+	l.rls.config.regulator = &KOOP(reg_none);
+	for (size_t i = 0; i < l.rls.n_regressors * l.rls.n_regressors_padded; i++) {
+		l.rls.covariance[i] *= (real)1e-12;
+	}
+	l.rls.theta[1] += (real)1e-3; /* of px, some 30 m, in py */
+	size_t left = 0;
+	while (left < 10 && step() == KOOP_GUARD_ONLINE) { left++; }
+	CHECK(left < 10, "%s: drifting model in use for %zu steps", dictionary->name, left);
+	recovers("drifting prediction", dictionary, 400);
+}
+
+/* The robot loses half of its speed gain, the learner learns that, stops learning, and the robot is whole
+ * again. */
+static void frozen_learner(const KOOP(dictionary) *dictionary) {
+	settle(dictionary, KOOP_CHECK_REPORT);
+	l.gain = 0.5;
+	drive(400);
+	CHECK(l.guard.model == KOOP_GUARD_ONLINE, "%s: slow robot not learned", dictionary->name);
+	for (size_t i = 0; i < l.rls.n_regressors * l.rls.n_regressors_padded; i++) {
+		l.rls.covariance[i] *= (real)1e-12;
+	}
+	l.rls.config.regulator = &KOOP(reg_none);
+	l.gain = 1;
+	size_t left = 0;
+	while (left < 60 && step() == KOOP_GUARD_ONLINE) { left++; }
+	CHECK(left < 60, "%s: frozen model in use for %zu steps", dictionary->name, left);
+	recovers("frozen learner", dictionary, 400);
+}
+
+static void test_nan_theta(void) {
+	for_both(nan_theta);
+}
+static void test_garbage_theta(void) {
+	for_both(garbage_theta);
+}
+static void test_flipped_inputs(void) {
+	for_both(flipped_inputs);
+}
+static void test_indefinite_covariance(void) {
+	for_both(indefinite_covariance);
+}
+static void test_stuck_sensor(void) {
+	for_both(stuck_sensor);
+}
+static void test_drifting_prediction(void) {
+	for_both(drifting_prediction);
+}
+static void test_frozen_learner(void) {
+	for_both(frozen_learner);
+}
+
+/* Every regulator and form from Theta = 0, 1,500 steps. */
+static void keeps_path(const KOOP(dictionary) *dictionary) {
+	for (size_t r = 0; r < REGULATORS; r++) {
+		for (size_t f = 0; f < FORMS; f++) {
+			begin(dictionary, all_regulators[r], all_forms[f], KOOP_CHECK_REPORT);
+			const watch w = drive(1500);
+			CHECK(w.error < 0.3, "%s %s %s strays by %g m", dictionary->name, all_regulators[r]->name,
+			      all_forms[f]->name, w.error);
+			CHECK(w.online > 300, "%s %s %s in use for %zu steps", dictionary->name, all_regulators[r]->name,
+			      all_forms[f]->name, w.online);
+		}
+	}
+}
+
+static void test_keeps_path(void) {
+	for_both(keeps_path);
+}
+
+/* What is refused leaves guard and learner as they were. */
+static void test_arguments(void) {
+	real reference[H * STATES] = {0}, u[M] = {7, 7};
+	KOOP(guard) guard;
+	KOOP(guard_config) config = {0};
+	settle(&KOOP(poly_ddr), KOOP_CHECK_REFUSE);
+	const size_t reals = KOOP_GUARD_REALS(7, STATES, M, H);
+	static real storage[KOOP_GUARD_REALS(7, STATES, M, H)];
+	real *offline = l.offline;
+
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(NULL, NULL, &l.mpc, offline, storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, NULL, offline, storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, &l.mpc, NULL, storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, NULL, reals));
+	CHECK_STATUS(KOOP_E_STORAGE, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, storage, reals - 1));
+	config.most_gain = (real)NAN;
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
+	config.most_gain = -1;
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
+	const real kept = offline[0];
+	offline[0] = (real)NAN;
+	CHECK(KOOP(guard_init)(&guard, NULL, &l.mpc, offline, storage, reals) < 0, "took a model that is NaN");
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+	offline[0] = kept;
+	for (size_t i = 0; i < 8; i++) { offline[7 * 8 + i] = 0; }
+	CHECK_STATUS(KOOP_E_MODEL, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, storage, reals));
+
+	const KOOP(guard) before = l.guard;
+	static learned now, then;
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(NULL, &l.rls, l.psi, l.u, l.psi_next, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&l.guard, &l.rls, NULL, l.u, l.psi_next, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, NULL, reference, NULL, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, NULL, NULL, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL,
+	             KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, NULL, NULL));
+	l.mpc.config.horizon--;
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+	l.mpc.config.horizon++;
+	CHECK_STATUS(KOOP_OK, KOOP(rls_get_theta)(&l.rls, then.theta));
+	real bad[MOST_N];
+	memcpy(bad, l.psi, sizeof bad);
+	bad[1] = (real)NAN;
+	CHECK_STATUS(KOOP_E_INPUT, KOOP(guard_update)(&l.guard, &l.rls, bad, l.u, l.psi_next, NULL));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_get_theta)(&l.rls, now.theta));
+	TEST_ASSERT_EQUAL_MEMORY(then.theta, now.theta, 7 * 9 * sizeof(real));
+	TEST_ASSERT_EQUAL_MEMORY(&before, &l.guard, sizeof before);
+
+	/* a state that is not a number: the safe input, and no model is blamed */
+	CHECK_STATUS(KOOP_E_INPUT, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, bad, reference, NULL, u, NULL));
+	for (size_t j = 0; j < M; j++) { TEST_ASSERT_TRUE(u[j] == l.safe[j]); }
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_NONE, l.guard.model);
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_nan_theta);
+	RUN_TEST(test_garbage_theta);
+	RUN_TEST(test_flipped_inputs);
+	RUN_TEST(test_indefinite_covariance);
+	RUN_TEST(test_stuck_sensor);
+	RUN_TEST(test_drifting_prediction);
+	RUN_TEST(test_frozen_learner);
+	RUN_TEST(test_keeps_path);
+	RUN_TEST(test_arguments);
+	return UNITY_END();
+}

@@ -24,9 +24,20 @@ int main(void) {
 		x[1] += 0.05f * u[0] * sinf(x[2]);
 		x[2] += 0.05f * u[1];
 	}
+	static unsigned char model[KOOPF_MODEL_BYTES(22, 2)];
+	static float path[50 * 3];
+	if (koopf_model_save(&learner, model, sizeof model) != KOOP_OK) { return 3; }
+	if (control_start(model, sizeof model) != KOOP_OK) { return 4; }
+	for (int k = 0; k < 50; k++) {
+		path[3 * k] = x[0] + 0.05f * 1.5f * (float)(k + 1) * cosf(x[2]);
+		path[3 * k + 1] = x[1] + 0.05f * 1.5f * (float)(k + 1) * sinf(x[2]);
+		path[3 * k + 2] = x[2];
+	}
+	if (learner_step(x, u, &health) != KOOP_OK || control_step(path, u) != KOOP_OK) { return 5; }
+	const float speed = u[0];
 	x[1] = NAN;
-	if (learner_step(x, u, &health) != KOOP_E_INPUT) { return 3; }
-	printf("%g %zu\\n", (double)health.innovation, sizeof storage);
+	if (learner_step(x, u, &health) != KOOP_E_INPUT) { return 6; }
+	printf("%g %g %zu %zu %zu\\n", (double)health.innovation, (double)speed, sizeof storage, sizeof mpc_storage, sizeof guard_storage);
 	return 0;
 }
 """
@@ -38,18 +49,21 @@ def readme():
 
 
 def test_firmware_snippet(readme, tmp_path):
-    snippet = re.search(r"```c\n(.*?)```", readme, re.S).group(1)
+    snippet = "".join(re.findall(r"```c\n(.*?)```", readme, re.S))
     source = tmp_path / "firmware.c"
     source.write_text(snippet + DRIVE)
     program = tmp_path / "firmware"
+    units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_guard.c"]
     include = ["-I", str(ROOT / "lib/include")]
     subprocess.run(
-        ["gcc", *FLAGS, *include, str(source), str(ROOT / "lib/koopf.c"), "-o", str(program), "-lm"], check=True
+        ["gcc", *FLAGS, *include, str(source), *map(str, units), "-o", str(program), "-lm"], check=True
     )
-    innovation, storage = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.split()
-    assert float(innovation) < 0.05
-    claimed = float(re.search(r"2 inputs: ([\d.]+) kB", readme).group(1))
-    assert abs(int(storage) / 1000 - claimed) < 0.05
+    told = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.split()
+    innovation, speed, *storage = map(float, told)
+    assert innovation < 0.05
+    assert 1 < speed < 2  # of a path that goes on straight at 1.5 m/s
+    claims = re.findall(r"\[KOOP_\w+\([^]]*\)\];\s*/\*[^*]*?([\d.]+) kB", readme)
+    assert [round(size / 1000, 1) for size in storage] == [float(claim) for claim in claims]
 
 
 def test_named_files_exist(readme):

@@ -142,7 +142,7 @@ def _peer(name):
     try:
         return import_module(name)
     except ImportError:
-        raise UserError(f"the Python package {name} is missing: run `make bench` first")
+        raise UserError(f"the Python package {name} is missing: run `make build` first")
 
 
 def daqp_plan(step):

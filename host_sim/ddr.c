@@ -12,55 +12,147 @@ typedef struct running {
 	double *memory;
 } running;
 
-/* Lets every effect of `block` that acts at this time change the signal. */
-static void pass(const running *runs, size_t count, int block, tk_signal *signal) {
-	const double now = signal->t + 1e-6 * signal->dt; /* t is k dt: rounded */
-	for (size_t i = 0; i < count; i++) {
-		const running *r = &runs[i];
-		if (r->effect->block == block && r->active->t0 <= now && now < r->active->t1) {
-			r->effect->apply(r->active->parameters, r->memory, signal);
-		}
-	}
-}
-
-/* One Euler step, paper eq. (nominal kinematics), from `pose` into itself. */
-static void step(const running *runs, size_t count, const double *u, double *pose, tk_signal *signal) {
-	for (size_t i = 0; i < 2; i++) { signal->command[i] = u[i]; }
-	for (size_t i = 0; i < 3; i++) { signal->pose[i] = pose[i]; }
-	pass(runs, count, TK_ACTUATOR, signal);
-	signal->body[0] = signal->command[0];
-	signal->body[1] = 0;
-	signal->body[2] = signal->command[1];
-	pass(runs, count, TK_PLANT, signal);
-
-	const double c = cos(pose[2]), s = sin(pose[2]);
-	pose[0] += (signal->body[0] * c - signal->body[1] * s) * signal->dt;
-	pose[1] += (signal->body[0] * s + signal->body[1] * c) * signal->dt;
-	pose[2] += signal->body[2] * signal->dt;
-}
-
-/* In the order of the table of effects, whatever the caller's: reordering a
- * list of effects must not change a trajectory. */
-static void collect(const tk_active *actives, size_t count, running *runs, double *memory) {
-	size_t n = 0;
-	for (size_t e = 0; e < tk_effect_count(); e++) {
-		const tk_effect *effect = effect_by_name(tk_effect_name(e));
-		for (size_t i = 0; i < count; i++) {
-			if (effect_by_name(actives[i].effect) != effect) { continue; }
-			runs[n++] = (running){effect, &actives[i], memory};
-			memory += effect->n_memory;
-		}
-	}
-}
-
 struct ddr {
 	running *runs;
 	double *memory;
 	size_t count;
-	double dt;
+	int integrator;
+	double dt, end;
 	size_t k;       /* steps made */
 	double pose[3]; /* true */
 };
+
+static tk_signal signal_at(const ddr *robot, size_t k) {
+	return (tk_signal){.t = (double)k * robot->dt, .dt = robot->dt};
+}
+
+/* Whether `r` has a say in this block now; if so, tells it how far its time has passed. */
+static int acts(const ddr *robot, const running *r, int block, tk_signal *signal) {
+	const double now = signal->t + 1e-6 * robot->dt; /* t is k dt: rounded */
+	if (r->effect->block != block || now < r->active->t0 || now >= r->active->t1) { return 0; }
+	const double end = fmin(r->active->t1, robot->end);
+	signal->passed = r->effect->needs_end ? (signal->t - r->active->t0) / (end - r->active->t0) : 0;
+	return 1;
+}
+
+/* Lets every effect of `block` that acts at this time change the signal. */
+static void pass(const ddr *robot, int block, tk_signal *signal) {
+	for (size_t i = 0; i < robot->count; i++) {
+		const running *r = &robot->runs[i];
+		if (acts(robot, r, block, signal)) { r->effect->apply(r->active->parameters, r->memory, signal); }
+	}
+}
+
+void ddr_sense(const ddr *robot, size_t k, double *pose) {
+	tk_signal signal = signal_at(robot, k);
+	for (size_t i = 0; i < 3; i++) { signal.pose[i] = pose[i]; }
+	pass(robot, TK_SENSOR, &signal);
+	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
+}
+
+void ddr_unsense(const ddr *robot, size_t k, double *pose) {
+	tk_signal signal = signal_at(robot, k);
+	for (size_t i = 0; i < 3; i++) { signal.pose[i] = pose[i]; }
+	for (size_t i = robot->count; i-- > 0;) {
+		const running *r = &robot->runs[i];
+		if (r->effect->undo && acts(robot, r, TK_SENSOR, &signal)) {
+			r->effect->undo(r->active->parameters, r->memory, &signal);
+		}
+	}
+	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
+}
+
+ddr_motion ddr_next(ddr *robot, const double *u) {
+	tk_signal signal = signal_at(robot, robot->k++);
+	for (size_t i = 0; i < 2; i++) { signal.command[i] = u[i]; }
+	pass(robot, TK_ACTUATOR, &signal);
+	signal.body[0] = signal.command[0];
+	signal.body[2] = signal.command[1];
+	pass(robot, TK_PLANT, &signal);
+
+	/* an arc's chord lies half the turn ahead, and is shorter than the arc */
+	const double half = 0.5 * signal.body[2] * signal.dt;
+	const double chord = robot->integrator == TK_ARC && half != 0 ? sin(half) / half : 1;
+	return (ddr_motion){
+	    .dt = signal.dt,
+	    .way = {signal.body[0] * chord, signal.body[1] * chord},
+	    .ahead = robot->integrator == TK_EULER ? 0 : half,
+	    .turn = signal.body[2],
+	    .drift = {signal.drift[0], signal.drift[1]},
+	};
+}
+
+void ddr_move(const ddr_motion *m, double *pose) {
+	const double c = cos(pose[2] + m->ahead), s = sin(pose[2] + m->ahead);
+	pose[0] += (m->way[0] * c - m->way[1] * s + m->drift[0]) * m->dt;
+	pose[1] += (m->way[0] * s + m->way[1] * c + m->drift[1]) * m->dt;
+	pose[2] += m->turn * m->dt;
+}
+
+void ddr_measure(const ddr *robot, double *x) {
+	for (size_t i = 0; i < 3; i++) { x[i] = robot->pose[i]; }
+	ddr_sense(robot, robot->k, x);
+}
+
+void ddr_step(ddr *robot, const double *u) {
+	const ddr_motion motion = ddr_next(robot, u);
+	ddr_move(&motion, robot->pose);
+}
+
+/* ---- Setting up ------------------------------------------------------------- */
+
+enum { MOST_MEMORY = 1 << 20 }; /* doubles of one effect */
+
+static int check_parameters(const tk_effect *effect, const tk_active *active) {
+	if (active->n_parameters != effect->n_parameters) {
+		return fail("%s: %zu parameters are given, it takes %zu", effect->name, active->n_parameters,
+		            effect->n_parameters);
+	}
+	for (size_t i = 0; i < effect->n_parameters; i++) {
+		const tk_parameter *p = &effect->parameters[i];
+		const double value = active->parameters[i];
+		if (!(value >= p->low && value <= p->high)) {
+			return fail("%s: %s is %g, it must be between %g and %g", effect->name, p->name, value, p->low,
+			            p->high);
+		}
+	}
+	return TK_OK;
+}
+
+static size_t memory_of(const tk_effect *effect, const tk_active *active, double dt) {
+	return effect->n_memory + (effect->history ? effect->history(active->parameters, dt) : 0);
+}
+
+static int check(const tk_active *active, double dt, double end) {
+	const tk_effect *effect = effect_by_name(active->effect);
+	if (!effect) { return fail("there is no effect named '%s'", active->effect ? active->effect : ""); }
+	if (!isfinite(active->t0) || isnan(active->t1)) {
+		return fail("%s: it acts from %g s to %g s, which is no time", effect->name, active->t0, active->t1);
+	}
+	if (effect->needs_end && !isfinite(fmin(active->t1, end))) {
+		return fail("%s: its end t1 must be given, since the end of the drive is not known", effect->name);
+	}
+	if (check_parameters(effect, active) != TK_OK) { return TK_ERROR; }
+	if (memory_of(effect, active, dt) > MOST_MEMORY) {
+		return fail("%s reaches back over too many steps of %g s", effect->name, dt);
+	}
+	return TK_OK;
+}
+
+/* In the order of the table of effects, whatever the caller's: reordering a
+ * list of effects must not change a trajectory. */
+static void collect(ddr *robot, const tk_active *actives) {
+	size_t n = 0;
+	double *memory = robot->memory;
+	for (size_t e = 0; e < tk_effect_count(); e++) {
+		const tk_effect *effect = effect_by_name(tk_effect_name(e));
+		for (size_t i = 0; i < robot->count; i++) {
+			if (effect_by_name(actives[i].effect) != effect) { continue; }
+			robot->runs[n++] = (running){effect, &actives[i], memory};
+			memory += memory_of(effect, &actives[i], robot->dt);
+		}
+	}
+}
 
 void ddr_free(ddr *robot) {
 	if (!robot) { return; }
@@ -69,23 +161,25 @@ void ddr_free(ddr *robot) {
 	free(robot);
 }
 
-ddr *ddr_new(const tk_active *effects, size_t n_effects, double dt, const double *x0) {
-	if (!(dt > 0)) {
+ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double dt, double end,
+              const double *x0) {
+	if (!(dt > 0 && isfinite(dt))) {
 		fail("dt is %g s, it must be positive", dt);
+		return NULL;
+	}
+	if (integrator != TK_EULER && integrator != TK_MIDPOINT && integrator != TK_ARC) {
+		fail("there is no integrator %d", integrator);
 		return NULL;
 	}
 	size_t memory_size = 1;
 	for (size_t i = 0; i < n_effects; i++) {
-		const tk_effect *effect = effect_by_name(effects[i].effect);
-		if (!effect) {
-			fail("there is no effect named '%s'", effects[i].effect ? effects[i].effect : "");
-			return NULL;
-		}
-		memory_size += effect->n_memory;
+		if (check(&effects[i], dt, end) != TK_OK) { return NULL; }
+		memory_size += memory_of(effect_by_name(effects[i].effect), &effects[i], dt);
 	}
 	ddr *robot = calloc(1, sizeof *robot);
 	if (robot) {
-		*robot = (ddr){.count = n_effects, .dt = dt, .pose = {x0[0], x0[1], x0[2]}};
+		*robot = (ddr){.count = n_effects, .integrator = integrator, .dt = dt, .end = end};
+		for (size_t i = 0; i < 3; i++) { robot->pose[i] = x0[i]; }
 		robot->runs = calloc(n_effects + 1, sizeof *robot->runs);
 		robot->memory = calloc(memory_size, sizeof *robot->memory);
 	}
@@ -94,27 +188,18 @@ ddr *ddr_new(const tk_active *effects, size_t n_effects, double dt, const double
 		fail("out of memory");
 		return NULL;
 	}
-	collect(effects, n_effects, robot->runs, robot->memory);
+	collect(robot, effects);
 	return robot;
 }
 
-void ddr_measure(const ddr *robot, double *x) {
-	tk_signal signal = {.t = (double)robot->k * robot->dt, .dt = robot->dt};
-	for (size_t i = 0; i < 3; i++) { signal.pose[i] = robot->pose[i]; }
-	pass(robot->runs, robot->count, TK_SENSOR, &signal);
-	for (size_t i = 0; i < 3; i++) { x[i] = signal.pose[i]; }
+ddr *ddr_new(const tk_active *effects, size_t n_effects, double dt, const double *x0) {
+	return ddr_open(effects, n_effects, TK_EULER, dt, INFINITY, x0);
 }
 
-void ddr_step(ddr *robot, const double *u) {
-	tk_signal signal = {.t = (double)robot->k * robot->dt, .dt = robot->dt};
-	step(robot->runs, robot->count, u, robot->pose, &signal);
-	robot->k++;
-}
-
-int tk_ddr_simulate(const tk_active *effects, size_t n_effects, double dt, size_t steps, const double *x0,
-                    const double *u, double *x) {
+int tk_ddr_simulate(const tk_active *effects, size_t n_effects, int integrator, double dt, size_t steps,
+                    const double *x0, const double *u, double *x) {
 	if (!x0 || !u || !x || (n_effects && !effects)) { return fail("x0, u, x and effects must be given"); }
-	ddr *robot = ddr_new(effects, n_effects, dt, x0);
+	ddr *robot = ddr_open(effects, n_effects, integrator, dt, (double)steps * dt, x0);
 	if (!robot) { return TK_ERROR; }
 	int status = TK_OK;
 	ddr_measure(robot, x);

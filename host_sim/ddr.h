@@ -6,12 +6,35 @@
 
 typedef struct ddr ddr;
 
-/* Null after fail(). The effects must outlive the robot. */
+/* Null after fail(). The effects must outlive the robot. `end` (s): when the
+ * drive is over, INFINITY if nobody knows. */
+ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double dt, double end,
+              const double *x0);
+/* with Euler steps and no known end */
 ddr *ddr_new(const tk_active *effects, size_t n_effects, double dt, const double *x0);
 void ddr_free(ddr *robot);
 /* x (3): the pose as measured now */
 void ddr_measure(const ddr *robot, double *x);
 /* moves by dt under u (2) */
 void ddr_step(ddr *robot, const double *u);
+
+/* ---- A step and a measurement in parts, for who has poses of its own ---- */
+
+/* What a step does to any pose: a straight way in the direction that lies `ahead`
+ * of the heading at the beginning, and a turn. */
+typedef struct ddr_motion {
+	double dt;       /* s */
+	double way[2];   /* m/s, along and to the left of that direction */
+	double ahead;    /* rad */
+	double turn;     /* rad/s */
+	double drift[2]; /* m/s, in the world's axes */
+} ddr_motion;
+
+/* The motion of the next step under u (2); time and actuators go on, the robot's pose stays. */
+ddr_motion ddr_next(ddr *robot, const double *u);
+void ddr_move(const ddr_motion *motion, double *pose);
+/* A true pose into the measured one at step k, and back. */
+void ddr_sense(const ddr *robot, size_t k, double *pose);
+void ddr_unsense(const ddr *robot, size_t k, double *pose);
 
 #endif

@@ -1,4 +1,7 @@
-/* The table of effects. Within a block they act in this order. */
+/* The table of effects. Within a block they act in this order, whatever the
+ * caller's: a command is cut by its sender, arrives late, and goes through the
+ * drive to the wheels; there it becomes a speed over ground, and at last a
+ * measured pose. */
 #include "effects.h"
 
 #include <string.h>
@@ -7,8 +10,24 @@
 
 /* One line each. */
 #define EFFECTS(EFFECT)                                                                                      \
+	EFFECT(saturation)                                                                                       \
+	EFFECT(transport_delay)                                                                                  \
+	EFFECT(dead_band)                                                                                        \
+	EFFECT(backlash)                                                                                         \
+	EFFECT(actuator_lag)                                                                                     \
+	EFFECT(speed_gain)                                                                                       \
+	EFFECT(battery_sag)                                                                                      \
+	EFFECT(yaw_gain)                                                                                         \
+	EFFECT(wheel_asymmetry)                                                                                  \
+	EFFECT(yaw_bias)                                                                                         \
+	EFFECT(clock_scale)                                                                                      \
 	EFFECT(pacejka_slip)                                                                                     \
-	EFFECT(stribeck_friction)
+	EFFECT(lateral_skid)                                                                                     \
+	EFFECT(stribeck_friction)                                                                                \
+	EFFECT(world_drift)                                                                                      \
+	EFFECT(sensor_lever_arm)                                                                                 \
+	EFFECT(heading_bias)                                                                                     \
+	EFFECT(measurement_noise)
 
 #define DECLARE(name) extern const tk_effect name;
 #define ENTER(name) &name,

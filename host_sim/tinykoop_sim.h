@@ -25,9 +25,14 @@ TK_API const char *tk_message(void);
 /* ---- Plant: the differential-drive robot ----------------------------------
  *
  * State x = [px (m), py (m), theta (rad)], input u = [v (m/s), omega (rad/s)].
- * Nominal kinematics of the paper (section "Nominal Kinematics", Euler steps);
- * unmodelled effects act on top, in the order of the table in effects.c.
+ * Nominal kinematics of the paper (section "Nominal Kinematics", Euler steps)
+ * or the same with a finer step; unmodelled effects act on top, in the order of
+ * the table in effects.c. Times of effects count from the first row.
  */
+
+/* How the pose moves in a step of constant velocities: along the heading at its
+ * beginning, along the one half-way, or along the exact arc. */
+enum { TK_EULER = 0, TK_MIDPOINT = 1, TK_ARC = 2 };
 
 /* Where an effect acts, in the order in which a step passes through them. */
 enum { TK_ACTUATOR = 0, TK_PLANT = 1, TK_SENSOR = 2 };
@@ -38,6 +43,7 @@ enum { TK_MAX_PARAMETERS = 6 };
  * tk_effect_parameter(). */
 typedef struct tk_active {
 	const char *effect;
+	size_t n_parameters;
 	double parameters[TK_MAX_PARAMETERS];
 	double t0, t1;
 } tk_active;
@@ -46,14 +52,33 @@ TK_API size_t tk_effect_count(void);
 TK_API const char *tk_effect_name(size_t effect);
 TK_API int tk_effect_block(size_t effect);
 TK_API size_t tk_effect_parameters(size_t effect);
-/* Name, unit, bounds and a usual value; zero for all parameters is no effect. */
+/* Name, unit, bounds (refused outside) and a usual value; zero for all parameters is no effect. */
 TK_API int tk_effect_parameter(size_t effect, size_t parameter, const char **name, const char **unit,
                                double *low, double *high, double *usual);
 
 /* The measured states x (steps + 1 rows of 3) under commands u (steps rows of
  * 2) from the true state x0. */
-TK_API int tk_ddr_simulate(const tk_active *effects, size_t n_effects, double dt, size_t steps,
-                           const double *x0, const double *u, double *x);
+TK_API int tk_ddr_simulate(const tk_active *effects, size_t n_effects, int integrator, double dt,
+                           size_t steps, const double *x0, const double *u, double *x);
+
+/* A log of the robot as tk_log_get() gives it. */
+typedef struct tk_recording {
+	size_t rows;
+	double dt;             /* s */
+	const double *x, *u;   /* rows of 3 and 2; the last command is not used */
+	const int32_t *usable; /* rows - 1, or null: all transitions */
+} tk_recording;
+
+/* Predictions over many windows of one log. Actuator states (lag, delay,
+ * backlash) are rolled once over the whole log, through gaps too; the pose starts
+ * in row starts[i] at the measured one, which sensor effects are undone from.
+ * Written for every start and each of `steps` (how many steps later), 3 each:
+ * the pose predicted as measured, and the measured pose less that one, along,
+ * across (m, in the axes of the pose measured at the start) and in heading (rad,
+ * wrapped). NaN where an unusable transition lies between. */
+TK_API int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
+                      size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
+                      double *predicted, double *residual);
 
 /* ---- Estimator: lib/ in either precision ---------------------------------- */
 

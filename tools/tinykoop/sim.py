@@ -20,15 +20,21 @@ CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
 
 _DOUBLES = ct.POINTER(ct.c_double)
 _INTS = ct.POINTER(ct.c_int32)
+_LONGS = ct.POINTER(ct.c_int64)
 
 
 class _Active(ct.Structure):
     _fields_ = [
         ("effect", ct.c_char_p),
+        ("n_parameters", ct.c_size_t),
         ("parameters", ct.c_double * _MAX_PARAMETERS),
         ("t0", ct.c_double),
         ("t1", ct.c_double),
     ]
+
+
+class _Recording(ct.Structure):
+    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", _DOUBLES), ("u", _DOUBLES), ("usable", _INTS)]
 
 
 class _Settings(ct.Structure):
@@ -176,9 +182,12 @@ def _ints(array):
 # ---- plant -----------------------------------------------------------------------------------
 
 
+EULER, MIDPOINT, ARC = 0, 1, 2  # integrators; the paper's is Euler
+
+
 @dataclass(frozen=True)
 class Effect:
-    """An unmodelled effect acting on [t0, t1), s."""
+    """An unmodelled effect acting on [t0, t1), s from the first row."""
 
     name: str
     parameters: tuple
@@ -212,23 +221,47 @@ def usual_effect(name, t0=0.0, t1=float("inf")):
 def _active_effects(active):
     c_effects = (_Active * max(len(active), 1))()
     for slot, effect in zip(c_effects, active):
-        slot.effect = effect.name.encode()
-        slot.parameters = (ct.c_double * _MAX_PARAMETERS)(*effect.parameters)
+        slot.effect, slot.n_parameters = effect.name.encode(), len(effect.parameters)
+        slot.parameters = (ct.c_double * _MAX_PARAMETERS)(*effect.parameters[:_MAX_PARAMETERS])
         slot.t0, slot.t1 = effect.t0, effect.t1
     return c_effects
 
 
-def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=()):
+def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
     u = _in(u, 2)
     x0 = _in(x0)
     x = np.empty((len(u) + 1, 3))
     c_effects = _active_effects(active)
     _check(
-        "tk_ddr_simulate", c_effects, ct.c_size_t(len(active)), ct.c_double(dt), ct.c_size_t(len(u)),
-        _doubles(x0), _doubles(u), _doubles(x),
+        "tk_ddr_simulate", c_effects, ct.c_size_t(len(active)), ct.c_int(integrator), ct.c_double(dt),
+        ct.c_size_t(len(u)), _doubles(x0), _doubles(u), _doubles(x),
     )  # fmt: skip
     return x
+
+
+def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):
+    """Predicts a log's measured poses x (K, 3) from its commands u (K or K-1, 2), in windows of their own.
+
+    A window begins at the pose measured in a row of `starts` (S); `steps` (n) says how many steps later
+    it is compared. Actuator states are rolled over the whole log, through what is not usable (K-1) too.
+    Returns predicted (S, n, 3) [m, m, rad] and residual (S, n, 3), measured less predicted: along, across
+    [m, in the axes of the pose measured at the start] and heading [rad, wrapped]; NaN where an
+    unusable transition lies between.
+    """
+    x, u = _in(x, 3), _in(u, 2)
+    starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
+    usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
+    if len(u) not in (len(x), len(x) - 1) or (usable is not None and len(usable) != len(x) - 1):
+        raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
+    predicted, residual = np.empty((2, len(starts), len(steps), 3))
+    log = _Recording(len(x), dt, _doubles(x), _doubles(u), _ints(usable))
+    _check(
+        "tk_windows", _active_effects(active), ct.c_size_t(len(active)), ct.c_int(integrator), ct.byref(log),
+        ct.c_size_t(len(starts)), starts.ctypes.data_as(_LONGS), ct.c_size_t(len(steps)),
+        steps.ctypes.data_as(_LONGS), _doubles(predicted), _doubles(residual),
+    )  # fmt: skip
+    return predicted, residual
 
 
 # ---- control ---------------------------------------------------------------------------------

@@ -1,0 +1,158 @@
+/* Many short predictions over one log: the actuators are rolled over all of it,
+ * only the pose starts again, at the measured one, in every window.
+ *
+ * The way covered in a step does not depend on the pose, so one path over the
+ * log holds every window: what lies between two of its rows, turned to the
+ * window's own start. A window costs two rotations whatever its length, and
+ * agrees with a simulation of its own to rounding. */
+#include <math.h>
+#include <stdlib.h>
+
+#include "ddr.h"
+#include "effects.h"
+#include "message.h"
+
+typedef struct place {
+	double pose[3];  /* without the drift, from (0, 0, 0) */
+	double drift[2]; /* m, in the world's axes: not turned */
+	size_t last;     /* the row up to which all transitions may be used */
+} place;
+
+static int check_actives(const tk_active *effects, size_t n_effects) {
+	for (size_t i = 0; i < n_effects; i++) {
+		const tk_effect *effect = effect_by_name(effects[i].effect);
+		if (effect && effect->block == TK_SENSOR && !effect->undo) {
+			return fail("%s cannot be undone at the start of a window: it serves simulation only",
+			            effect->name);
+		}
+	}
+	return TK_OK;
+}
+
+static int usable(const tk_recording *log, size_t k) {
+	return !log->usable || log->usable[k];
+}
+
+static int all_finite(const double *values, size_t count) {
+	for (size_t i = 0; i < count; i++) {
+		if (!isfinite(values[i])) { return 0; }
+	}
+	return 1;
+}
+
+static int check_recording(const tk_recording *log) {
+	if (!log->x || !log->u || log->rows < 2) { return fail("the log is empty: it needs two rows at least"); }
+	for (size_t k = 0; k + 1 < log->rows; k++) {
+		const double *x = log->x + 3 * k, *u = log->u + 2 * k;
+		if (!all_finite(u, 2)) { return fail("the command in row %zu is not finite", k); }
+		if (usable(log, k) && !all_finite(x, 6)) {
+			return fail("the pose in row %zu or %zu is not finite", k, k + 1);
+		}
+	}
+	return TK_OK;
+}
+
+static int check_windows(const tk_recording *log, size_t n_starts, const int64_t *starts, size_t n_steps,
+                         const int64_t *steps) {
+	const int64_t final = (int64_t)log->rows - 1;
+	int64_t longest = 0;
+	if ((n_starts && !starts) || !n_steps || !steps) { return fail("starts and steps must be given"); }
+	for (size_t j = 0; j < n_steps; j++) {
+		if (steps[j] < 1 || steps[j] > final) {
+			return fail("a window of %lld steps does not fit into a log of %zu rows", (long long)steps[j],
+			            log->rows);
+		}
+		longest = steps[j] > longest ? steps[j] : longest;
+	}
+	for (size_t i = 0; i < n_starts; i++) {
+		if (starts[i] < 0 || starts[i] > final - longest) {
+			return fail("a window of %lld steps cannot start in row %lld: the last row is %lld",
+			            (long long)longest, (long long)starts[i], (long long) final);
+		}
+	}
+	return TK_OK;
+}
+
+/* The path over the whole log; the actuators' states go on through gaps. */
+static int travel(ddr *robot, const tk_recording *log, place *path) {
+	for (size_t k = 0; k + 1 < log->rows; k++) {
+		ddr_motion motion = ddr_next(robot, log->u + 2 * k);
+		path[k + 1] = path[k];
+		for (size_t i = 0; i < 2; i++) {
+			path[k + 1].drift[i] += motion.drift[i] * motion.dt;
+			motion.drift[i] = 0;
+		}
+		ddr_move(&motion, path[k + 1].pose);
+	}
+	for (size_t k = log->rows; k-- > 0;) {
+		path[k].last = k + 1 < log->rows && usable(log, k) ? path[k + 1].last : k;
+	}
+	const place *final = &path[log->rows - 1];
+	if (!all_finite(final->pose, 3) || !all_finite(final->drift, 2)) {
+		return fail("prediction left the finite numbers: check effect parameters and commands");
+	}
+	return TK_OK;
+}
+
+/* v turned by `angle` */
+static void turn(double angle, double *v) {
+	const double c = cos(angle), s = sin(angle), along = v[0];
+	v[0] = c * along - s * v[1];
+	v[1] = s * along + c * v[1];
+}
+
+/* The measured pose at row `end` of the window that starts at `true_start` in row `start`. */
+static void predict(const ddr *robot, const place *path, size_t start, size_t end, const double *true_start,
+                    double *pose) {
+	const place *a = &path[start], *b = &path[end];
+	for (size_t i = 0; i < 3; i++) { pose[i] = b->pose[i] - a->pose[i]; }
+	turn(true_start[2] - a->pose[2], pose);
+	for (size_t i = 0; i < 2; i++) { pose[i] += b->drift[i] - a->drift[i]; }
+	for (size_t i = 0; i < 3; i++) { pose[i] += true_start[i]; }
+	ddr_sense(robot, end, pose);
+}
+
+static void run(const ddr *robot, const tk_recording *log, const place *path, size_t start, size_t n_steps,
+                const int64_t *steps, double *predicted, double *residual) {
+	const double *measured = log->x + 3 * start;
+	double at[3] = {measured[0], measured[1], measured[2]};
+	ddr_unsense(robot, start, at);
+	for (size_t j = 0; j < n_steps; j++) {
+		const size_t end = start + (size_t)steps[j];
+		double pose[3] = {NAN, NAN, NAN}, off[3] = {NAN, NAN, NAN};
+		if (end <= path[start].last) {
+			predict(robot, path, start, end, at, pose);
+			for (size_t i = 0; i < 3; i++) { off[i] = log->x[3 * end + i] - pose[i]; }
+			turn(-measured[2], off);
+			off[2] = remainder(off[2], 6.283185307179586);
+		}
+		for (size_t i = 0; i < 3; i++) {
+			if (predicted) { predicted[3 * j + i] = pose[i]; }
+			if (residual) { residual[3 * j + i] = off[i]; }
+		}
+	}
+}
+
+int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
+               size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
+               double *predicted, double *residual) {
+	const double nowhere[3] = {0, 0, 0};
+	if (!log || (n_effects && !effects)) { return fail("log and effects must be given"); }
+	if (check_recording(log) != TK_OK || check_windows(log, n_starts, starts, n_steps, steps) != TK_OK ||
+	    check_actives(effects, n_effects) != TK_OK) {
+		return TK_ERROR;
+	}
+	ddr *robot =
+	    ddr_open(effects, n_effects, integrator, log->dt, (double)(log->rows - 1) * log->dt, nowhere);
+	if (!robot) { return TK_ERROR; }
+	place *path = calloc(log->rows, sizeof *path);
+	const int status = path ? travel(robot, log, path) : fail("out of memory");
+	for (size_t i = 0; status == TK_OK && i < n_starts; i++) {
+		const size_t out = 3 * n_steps * i;
+		run(robot, log, path, (size_t)starts[i], n_steps, steps, predicted ? predicted + out : NULL,
+		    residual ? residual + out : NULL);
+	}
+	free(path);
+	ddr_free(robot);
+	return status;
+}

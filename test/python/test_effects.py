@@ -1,0 +1,473 @@
+"""The unmodelled effects and the windows that a diagnoser fits with, against plain NumPy and Python loops.
+
+The second writing here is vectorised over the log where the C code steps, and steps where the C
+code takes all windows from one path. Run as a script it prints what a call of windows() costs.
+"""
+
+import time
+
+import numpy as np
+import pytest
+from tinykoop import sim
+
+# contract, section 5; the seed is an addition
+VOCABULARY = {
+    "speed_gain": {"a": "1"},
+    "yaw_gain": {"b": "1"},
+    "wheel_asymmetry": {"c": "rad/m"},
+    "yaw_bias": {"d": "rad/s"},
+    "actuator_lag": {"tau": "s"},
+    "transport_delay": {"delay": "s"},
+    "dead_band": {"v_db": "m/s", "w_db": "rad/s"},
+    "saturation": {"v_max": "m/s", "w_max": "rad/s"},
+    "pacejka_slip": {"B": "1", "C": "1", "D": "1", "E": "1", "lat": "1"},
+    "lateral_skid": {"k": "s"},
+    "stribeck_friction": {"Fs": "1", "Fc": "1", "Fv": "s/m", "vs": "m/s"},
+    "world_drift": {"wx": "m/s", "wy": "m/s"},
+    "sensor_lever_arm": {"lx": "m", "ly": "m"},
+    "heading_bias": {"delta": "rad"},
+    "battery_sag": {"loss_at_end": "1"},
+    "backlash": {"half_width": "rad/s"},
+    "clock_scale": {"kappa": "1"},
+    "measurement_noise": {"sp": "m", "st": "rad", "seed": "1"},
+}
+# the order of action that effects.c documents
+ORDER = (
+    "saturation", "transport_delay", "dead_band", "backlash", "actuator_lag", "speed_gain", "battery_sag", "yaw_gain",
+    "wheel_asymmetry", "yaw_bias", "clock_scale", "pacejka_slip", "lateral_skid", "stribeck_friction", "world_drift",
+    "sensor_lever_arm", "heading_bias", "measurement_noise",
+)  # fmt: skip
+KNOWN = ORDER[:-1]  # noise has no formula, it has statistics
+INTEGRATORS = (sim.EULER, sim.MIDPOINT, sim.ARC)
+DT = 0.05  # s
+
+
+def usual(*names):
+    return [sim.usual_effect(name) for name in names]
+
+
+def commands(steps=400, seed=0):
+    """Held random commands of either sign with reversals, standstills and a slow part."""
+    random = np.random.default_rng(seed)
+    u = np.repeat(random.uniform((-1, -1), (2.5, 1), (steps // 10 + 1, 2)), 10, axis=0)[:steps]
+    u += 0.2 * np.sin(np.arange(steps)[:, None] * (0.31, 0.17))
+    u[20:30] = 0
+    u[40:60] *= 0.05
+    return u
+
+
+# ---- the second writing ------------------------------------------------------------------------
+
+
+def lagged(u, tau, dt):
+    """The command's jumps, each with the step response averaged over every later step."""
+    n = np.arange(len(u))
+    response = 1 - tau / dt * np.exp(-n * dt / tau) * (1 - np.exp(-dt / tau))
+    jumps = np.diff(u, axis=0, prepend=0)
+    jumps[0] = 0
+    return u[0] + np.stack([np.convolve(j, response)[: len(u)] for j in jumps.T], axis=1)
+
+
+def delayed(u, delay, dt):
+    """Differences of the integrated command, read off `delay` earlier."""
+    before = int(delay / dt) + 2
+    way = np.cumsum(np.concatenate([np.zeros((1, 2)), np.repeat(u[:1], before, axis=0), u]), axis=0) * dt
+    t = np.arange(-before, len(u) + 1) * dt
+    late = [np.interp(t[before:] - delay, t, column) for column in way.T]
+    return np.diff(np.stack(late, axis=1), axis=0) / dt
+
+
+def played(w, half):
+    out, at = [], w[0]
+    for command in w:
+        if command - at > half:
+            at = command - half
+        elif at - command > half:
+            at = command + half
+        out.append(at)
+    return np.array(out)
+
+
+def friction(Fs, Fc, Fv, vs, v):
+    return Fc + (Fs - Fc) / np.exp(np.square(v / vs)) + Fv * np.abs(v)
+
+
+def at_the_wheels(name, p, u, passed):
+    """Commands (K, 2) after an effect of the actuators."""
+    v, w = u.T
+    match name:
+        case "saturation":
+            return np.clip(u, [-p[0], -p[1]], p)
+        case "transport_delay":
+            return delayed(u, p[0], DT)
+        case "dead_band":
+            return u * (np.abs(u) >= p)
+        case "backlash":
+            return np.stack([v, played(w, p[0])], axis=1)
+        case "actuator_lag":
+            return lagged(u, p[0], DT)
+        case "speed_gain":
+            return u + [p[0], 0] * u
+        case "battery_sag":
+            return u - u * np.stack([p[0] * passed, 0 * v], axis=1)
+        case "yaw_gain":
+            return u @ np.diag([1, 1 + p[0]])
+        case "wheel_asymmetry":
+            return u @ np.array([[1, p[0]], [0, 1]])
+        case "yaw_bias":
+            return u + [0, p[0]]
+
+
+def over_ground(name, p, u, body):
+    """Body velocities and the world's drift (K, 5) after an effect of the plant."""
+    v, w = u.T
+    forward, left, turn, wx, wy = body.T
+    match name:
+        case "pacejka_slip":
+            B, C, D, E, lateral = p
+            slip = 0.18 * B * np.abs(v * w)
+            loss = np.clip(D * np.sin(C * np.arctan((1 - E) * slip + E * np.arctan(slip))), 0, 1)
+            left = left + lateral * v * loss * np.sign(w)
+            forward, turn = forward - 0.3 * loss * forward, turn - 0.7 * loss * turn
+        case "lateral_skid":
+            left = left + p[0] * forward * turn
+        case "stribeck_friction":
+            turn = np.sign(turn) * np.clip(np.abs(turn) - 0.1 * friction(*p, turn), 0, None)
+            forward, left = (part - part * friction(*p, part) for part in (forward, left))
+        case "world_drift":
+            wx, wy = wx + p[0], wy + p[1]
+    return np.stack([forward, left, turn, wx, wy], axis=1)
+
+
+def in_order(active):
+    return sorted(active, key=lambda effect: ORDER.index(effect.name))
+
+
+def acting(effect, t):
+    return (effect.t0 <= t + 1e-9) & (t + 1e-9 < effect.t1)
+
+
+def velocities(u, active, duration):
+    """Body velocities and the world's drift (K, 5) under commands u, and how long each step truly lasts (K)."""
+    u, dt, t = u.copy(), np.full(len(u), DT), np.arange(len(u)) * DT
+    body = None
+    for effect in in_order(active):
+        k = acting(effect, t)
+        if not k.any() or effect.name not in KNOWN[:15]:
+            continue
+        if effect.name == "clock_scale":
+            dt[k] *= 1 + effect.parameters[0]
+        elif ORDER.index(effect.name) < ORDER.index("clock_scale"):
+            passed = (t[k] - effect.t0) / (min(effect.t1, duration) - effect.t0)
+            u[k] = at_the_wheels(effect.name, effect.parameters, u[k], passed)
+        else:
+            body = np.insert(u, 1, 0, axis=1)[:, [0, 1, 2, 1, 1]] if body is None else body
+            body[k] = over_ground(effect.name, effect.parameters, u[k], body[k])
+    return np.insert(u, 1, 0, axis=1)[:, [0, 1, 2, 1, 1]] if body is None else body, dt
+
+
+def moved(pose, velocity, dt, integrator):
+    """One step; positions are complex numbers, arcs go around their centre."""
+    z, heading = pose
+    forward, left, turn, wx, wy = velocity
+    flat = complex(forward, left)
+    if integrator == sim.ARC and abs(turn) > 1e-9:
+        way = flat / (1j * turn) * (np.exp(1j * turn * dt) - 1)
+    else:
+        way = flat * dt * (np.exp(0.5j * turn * dt) if integrator != sim.EULER else 1)
+    return z + way * np.exp(1j * heading) + complex(wx, wy) * dt, heading + turn * dt
+
+
+def measured(pose, t, active):
+    z, heading = pose
+    for effect in in_order(active):
+        if effect.name == "sensor_lever_arm" and acting(effect, t):
+            z += complex(*effect.parameters) * np.exp(1j * heading)
+    return z, heading + sum(e.parameters[0] for e in active if e.name == "heading_bias" and acting(e, t))
+
+
+def true(pose, t, active):
+    z, heading = pose
+    heading -= sum(e.parameters[0] for e in active if e.name == "heading_bias" and acting(e, t))
+    arms = [complex(*e.parameters) for e in active if e.name == "sensor_lever_arm" and acting(e, t)]
+    return z - sum(arms) * np.exp(1j * heading), heading
+
+
+def drive(u, active=(), x0=(0.0, 0.0, 0.0), integrator=sim.EULER):
+    """Measured poses (K+1, 3)."""
+    pose, rows = (complex(*x0[:2]), x0[2]), []
+    for k, (velocity, dt) in enumerate(zip(*velocities(u, active, len(u) * DT))):
+        rows.append(measured(pose, k * DT, active))
+        pose = moved(pose, velocity, dt, integrator)
+    rows.append(measured(pose, len(u) * DT, active))
+    return np.array([(z.real, z.imag, heading) for z, heading in rows])
+
+
+def window(x, u, start, steps, active, usable, integrator):
+    """One window by itself, simulated from the start of the log: predicted, residual."""
+    if not usable[start : start + steps].all():
+        return np.full((2, 3), np.nan)
+    pose = true((complex(*x[start, :2]), x[start, 2]), start * DT, active)
+    rolled = velocities(u[: start + steps], active, (len(x) - 1) * DT)
+    for velocity, dt in list(zip(*rolled))[start:]:
+        pose = moved(pose, velocity, dt, integrator)
+    z, heading = measured(pose, (start + steps) * DT, active)
+    off = (complex(*x[start + steps, :2]) - z) * np.exp(-1j * x[start, 2])
+    turned = np.angle(np.exp(1j * (x[start + steps, 2] - heading)))
+    return np.array([(z.real, z.imag, heading), (off.real, off.imag, turned)])
+
+
+# ---- effects -----------------------------------------------------------------------------------
+
+
+def test_vocabulary_is_the_contracts():
+    table = sim.effects()
+    assert tuple(table) == ORDER
+    assert {name: {row[0]: row[1] for row in rows} for name, (_, rows) in table.items()} == VOCABULARY
+    for _, rows in table.values():
+        for _, _, low, high, value in rows:
+            assert low <= 0 < high and low <= value <= high
+    blocks = [block for block, _ in table.values()]
+    assert blocks == ["actuator"] * 11 + ["plant"] * 4 + ["sensor"] * 3
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("names", [(name,) for name in ORDER] + [ORDER])
+def test_all_zero_changes_no_bit(names, integrator):
+    u = commands()
+    zeros = [sim.Effect(name, (0.0,) * len(VOCABULARY[name])) for name in names]
+    nominal = sim.simulate(u, DT, (1, 2, 3), integrator=integrator)
+    assert np.array_equal(sim.simulate(u, DT, (1, 2, 3), zeros, integrator), nominal)
+    zeros = [effect for effect in zeros if effect.name != "measurement_noise"]
+    pairs = [
+        sim.windows(nominal, u, DT, range(0, 380), (1, 20), active, integrator=integrator) for active in ((), zeros)
+    ]
+    assert np.array_equal(*pairs)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("names", [()] + [(name,) for name in KNOWN] + [KNOWN])
+def test_effect_is_its_formula(names, integrator):
+    """Each, none and all, over the whole drive and in a part of it; each really acts."""
+    u, x0 = commands(), (0.3, -0.2, 2.0)
+    for t0, t1 in ((0, np.inf), (5.0, 12.5)):
+        active = [sim.usual_effect(name, t0, t1) for name in names]
+        ours = sim.simulate(u, DT, x0, active, integrator)
+        assert np.max(np.abs(ours - drive(u, active, x0, integrator))) < 1e-11
+        nominal = sim.simulate(u, DT, x0, integrator=integrator)
+        assert not names or np.max(np.abs(ours - nominal)) > 1e-3
+        assert np.array_equal(ours[: round(t0 / DT)], nominal[: round(t0 / DT)])
+
+
+@pytest.mark.parametrize("delay", [0.01, 0.05, 0.1, 0.15, 0.1234, 2.0])
+@pytest.mark.parametrize("tau", [1e-6, 0.02, 1.0])
+def test_delay_and_lag_of_any_size(delay, tau):
+    active = [sim.Effect("transport_delay", (delay,)), sim.Effect("actuator_lag", (tau,))]
+    u = commands()
+    assert np.max(np.abs(sim.simulate(u, DT, active=active) - drive(u, active))) < 1e-11
+
+
+@pytest.mark.parametrize("name", ["actuator_lag", "transport_delay", "backlash", "dead_band", "saturation"])
+def test_effect_goes_to_nominal_with_its_parameters(name):
+    """No jump at zero, so that a fit can switch an effect off; saturation, off at zero, does so from above."""
+    u = commands()
+    size = 9.0 if name == "saturation" else 1e-7
+    tiny = sim.Effect(name, (size,) * len(VOCABULARY[name]))
+    assert np.max(np.abs(sim.simulate(u, DT, active=[tiny]) - sim.simulate(u, DT))) < 1e-4
+
+
+def test_order_given_by_the_caller_does_not_matter():
+    u, active = commands(), usual(*ORDER)
+    expected = sim.simulate(u, DT, active=active)
+    log = (expected, u, DT, range(0, 350, 7), (1, 50))
+    windows = sim.windows(*log, active[:-1])
+    for seed in range(5):
+        mixed = np.random.default_rng(seed).permutation(len(ORDER))
+        assert np.array_equal(sim.simulate(u, DT, active=[active[i] for i in mixed]), expected)
+        known = [active[i] for i in mixed if ORDER[i] in KNOWN]
+        assert np.array_equal(sim.windows(*log, known), windows)
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_clock_scale_is_both_gains(integrator):
+    """The exact alias, behind a lag and a delay too."""
+    u, before = commands(), usual("transport_delay", "actuator_lag", "backlash")
+    clock = before + [sim.Effect("clock_scale", (0.07,))]
+    gains = before + [sim.Effect("speed_gain", (0.07,)), sim.Effect("yaw_gain", (0.07,))]
+    x = sim.simulate(u, DT, active=clock, integrator=integrator)
+    assert np.max(np.abs(x - sim.simulate(u, DT, active=gains, integrator=integrator))) < 1e-12
+    residuals = [sim.windows(x, u, DT, range(300), (50,), a, integrator=integrator)[1] for a in (clock, gains)]
+    assert np.max(np.abs(residuals)) < 1e-12
+
+
+def test_noise_is_what_it_says_and_repeats():
+    u = np.zeros((20000, 2))
+    noise = sim.Effect("measurement_noise", (0.01, 0.002, 5))
+    x = sim.simulate(u, DT, active=[noise])
+    assert np.array_equal(x, sim.simulate(u, DT, active=[noise]))
+    other = sim.simulate(u, DT, active=[sim.Effect("measurement_noise", (0.01, 0.002, 6))])
+    z = np.concatenate([x, other], axis=1) / np.tile([0.01, 0.01, 0.002], 2)
+    five_sigma = 5 / np.sqrt(len(z))
+    assert np.all(np.abs(z.mean(axis=0)) < five_sigma)
+    assert np.all(np.abs((z**2).mean(axis=0) - 1) < five_sigma * np.sqrt(2))
+    assert np.all(np.abs((z**4).mean(axis=0) - 3) < five_sigma * np.sqrt(96))
+    assert np.all(np.abs((z[1:] * z[:-1]).mean(axis=0)) < five_sigma)
+    assert np.all(np.abs(np.corrcoef(z.T) - np.eye(6)) < five_sigma)
+
+
+def test_sag_in_a_closed_loop_needs_its_end():
+    estimator = sim.Estimator("poly_ddr", "ef", 64)
+    mpc, path = sim.Mpc(horizon=5), np.zeros((16, 3))
+    with pytest.raises(sim.UserError, match="battery_sag.*t1"):
+        estimator.control(mpc, path, DT, 10, path[0], usual("battery_sag"))
+    estimator.control(mpc, path, DT, 10, path[0], [sim.usual_effect("battery_sag", 0, 0.5)])
+
+
+# ---- windows -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def log():
+    """A noisy log of a robot with effects of its own, heading wrapped, with masked rows and gaps."""
+    u = commands()
+    x = sim.simulate(u, DT, (1, -2, 3), usual("speed_gain", "actuator_lag", "measurement_noise"), sim.ARC)
+    x[:, 2] = np.angle(np.exp(1j * x[:, 2]))
+    masked = np.zeros(len(x), bool)
+    masked[[60, 61, 200]] = True
+    x[masked] = np.nan
+    usable = ~(masked[:-1] | masked[1:])
+    usable[[130, 131, 290]] = False
+    return x, u, usable
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("names", [(), ("transport_delay", "actuator_lag", "backlash"), KNOWN])
+def test_windows_are_simulations_of_their_own(log, names, integrator):
+    x, u, usable = log
+    starts, steps = [0, 3, 59, 60, 62, 100, 125, 132, 150, 199, 201, 239, 240, 241, 349, 350], (1, 10, 50)
+    active = [sim.usual_effect(name, t0, t1) for name in names for t0, t1 in ((0, 9.0), (12.0, np.inf))]
+    predicted, residual = sim.windows(x, u, DT, starts, steps, active, usable, integrator)
+    expected = np.array([[window(x, u, s, h, active, usable, integrator) for h in steps] for s in starts])
+    assert predicted.shape == residual.shape == (len(starts), len(steps), 3)
+    assert np.array_equal(np.isnan(residual), np.isnan(expected[:, :, 1]))
+    assert 5 < np.isnan(residual[:, :, 0]).sum() < 30
+    assert np.nanmax(np.abs(predicted - expected[:, :, 0])) < 1e-11
+    assert np.nanmax(np.abs(residual - expected[:, :, 1])) < 1e-11
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_true_effects_leave_nothing_and_each_is_needed(integrator):
+    """A log of all effects in segments: no residual with them, in any window; some without any one."""
+    u = commands()
+    active = [sim.usual_effect(name, 0.5 * i, 15 + 0.5 * i) for i, name in enumerate(KNOWN)]
+    x = sim.simulate(u, DT, (5, -3, 1), active, integrator)
+    x[:, 2] = np.angle(np.exp(1j * x[:, 2]))
+    starts = range(350)
+    residual = sim.windows(x, u, DT, starts, (1, 10, 50), active, integrator=integrator)[1]
+    assert np.max(np.abs(residual)) < 1e-11
+    for missing in active:
+        others = [effect for effect in active if effect is not missing]
+        residual = sim.windows(x, u, DT, starts, (50,), others, integrator=integrator)[1]
+        assert np.max(np.abs(residual)) > 1e-3, missing.name
+    for other in set(INTEGRATORS) - {integrator}:
+        assert np.max(np.abs(sim.windows(x, u, DT, starts, (50,), active, integrator=other)[1])) > 1e-5
+
+
+def test_residual_is_measured_less_predicted_in_the_body_frame():
+    """A robot that stands at (1, 2) heading along y and is then seen 0.1 m further along y, turned past pi."""
+    x = np.array([[1, 2, np.pi / 2], [1, 2.1, np.pi / 2 + 0.2 - 2 * np.pi]])
+    predicted, residual = sim.windows(x, np.zeros((1, 2)), DT, [0], [1])
+    assert predicted[0, 0] == pytest.approx(x[0])
+    assert residual[0, 0] == pytest.approx([0.1, 0, 0.2])
+
+
+def test_last_command_is_not_used(log):
+    x, u, usable = log
+    more = np.concatenate([u, [[np.nan, np.nan]]])
+    pairs = [sim.windows(x, v, DT, range(0, 350, 5), (1, 50), (), usable) for v in (u, more)]
+    assert np.array_equal(*pairs, equal_nan=True)
+
+
+# ---- bad input -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "effect, message",
+    [
+        (sim.Effect("warp_drive", (1.0,)), "no effect named 'warp_drive'"),
+        (sim.Effect("actuator_lag", (-0.1,)), "actuator_lag: tau is -0.1, it must be between 0 and 3"),
+        (sim.Effect("transport_delay", (2.1,)), "transport_delay: delay is 2.1"),
+        (sim.Effect("speed_gain", (np.nan,)), "speed_gain: a is"),
+        (sim.Effect("yaw_gain", (np.inf,)), "yaw_gain: b is"),
+        (sim.Effect("yaw_gain", ()), "yaw_gain: 0 parameters are given, it takes 1"),
+        (sim.Effect("yaw_gain", (0.1,) * 7), "yaw_gain: 7 parameters are given"),
+        (sim.Effect("yaw_gain", (0.1,), np.nan), "yaw_gain: it acts from"),
+        (sim.Effect("yaw_gain", (0.1,), 0, np.nan), "yaw_gain: it acts from"),
+    ],
+)
+def test_bad_effect_is_refused(effect, message):
+    u = commands(50)
+    with pytest.raises(sim.UserError, match=message):
+        sim.simulate(u, DT, active=[effect])
+    with pytest.raises(sim.UserError, match=message):
+        sim.windows(np.zeros((51, 3)), u, DT, [0], [1], [effect])
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"x": np.zeros((0, 3)), "u": np.zeros((0, 2))}, "log is empty"),
+        ({"x": np.zeros((1, 3)), "u": np.zeros((0, 2))}, "log is empty"),
+        ({"dt": -0.05}, "dt is -0.05 s"),
+        ({"dt": 0.0}, "dt is 0 s"),
+        ({"dt": np.nan}, "dt is"),
+        ({"dt": np.inf}, "dt is"),
+        ({"steps": [51]}, "window of 51 steps does not fit into a log of 51 rows"),
+        ({"steps": [0]}, "window of 0 steps"),
+        ({"steps": []}, "steps must be given"),
+        ({"starts": [-1]}, "cannot start in row -1"),
+        ({"starts": [0, 49], "steps": [1, 2]}, "window of 2 steps cannot start in row 49: the last row is 50"),
+        ({"integrator": 3}, "no integrator 3"),
+        ({"active": usual("measurement_noise")}, "measurement_noise cannot be undone"),
+        ({"u": np.full((50, 2), np.nan)}, "command in row 0 is not finite"),
+        ({"x": np.full((51, 3), np.nan)}, "pose in row 0 or 1 is not finite"),
+        ({"u": np.full((50, 2), 1e308)}, "left the finite numbers"),
+        ({"active": usual("transport_delay"), "dt": 1e-200}, "transport_delay reaches back over too many steps"),
+    ],
+)
+def test_bad_window_is_refused(change, message):
+    good = {"x": np.zeros((51, 3)), "u": commands(50), "dt": DT, "starts": [0], "steps": [1]}
+    sim.windows(**good)
+    with pytest.raises(sim.UserError, match=message):
+        sim.windows(**(good | change))
+
+
+# ---- cost ----------------------------------------------------------------------------------------
+
+
+def bench(rows=2000, horizon=20, stride=5, repeats=200):
+    """Wall time of one windows() call through Python, microseconds: least and median."""
+    u = commands(rows)
+    x = sim.simulate(u, DT, active=usual("measurement_noise"))[:rows]
+    starts = np.arange(0, rows - horizon, stride)
+    sets = {
+        "nominal": (),
+        "gains, bias": ("speed_gain", "yaw_gain", "yaw_bias"),
+        "lag, delay, gains": ("actuator_lag", "transport_delay", "speed_gain", "yaw_gain"),
+        "lever arm, heading bias": ("sensor_lever_arm", "heading_bias"),
+        "slip, friction": ("pacejka_slip", "stribeck_friction"),
+        "all 17": KNOWN,
+    }
+    print(f"{rows} rows, {len(starts)} windows of {horizon} steps")
+    for integrator, label in zip(INTEGRATORS, ("Euler", "midpoint", "arc")):
+        for name, members in sets.items():
+            active, took = usual(*members), []
+            for _ in range(repeats):
+                start = time.perf_counter()
+                sim.windows(x, u, DT, starts, [horizon], active, integrator=integrator)
+                took.append(1e6 * (time.perf_counter() - start))
+            print(f"{label:9} {name:24} {min(took):6.0f} {np.median(took):6.0f} us")
+
+
+if __name__ == "__main__":
+    bench()

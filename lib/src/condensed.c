@@ -50,10 +50,15 @@ static real clip(real x, real low, real high) {
 	return x < low ? low : x > high ? high : x;
 }
 
+/* Which input follows input j: a remainder would be a division for every element. */
+static size_t next_input(size_t j, size_t m) {
+	return j + 1 < m ? j + 1 : 0;
+}
+
 /* v into the box */
 static void clip_all(const KOOP(mpc_config) *c, real *v) {
-	for (size_t q = 0; q < c->horizon * c->n_inputs; q++) {
-		v[q] = clip(v[q], c->u_min[q % c->n_inputs], c->u_max[q % c->n_inputs]);
+	for (size_t q = 0, j = 0; q < c->horizon * c->n_inputs; q++, j = next_input(j, c->n_inputs)) {
+		v[q] = clip(v[q], c->u_min[j], c->u_max[j]);
 	}
 }
 
@@ -187,8 +192,8 @@ static real kkt_residual(const KOOP(mpc) *mpc, const real *v, const real *gradie
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs;
 	real residual = 0;
-	for (size_t q = 0; q < c->horizon * m; q++) {
-		const real step = clip(v[q] - gradient[q] * mpc->inverse[q], c->u_min[q % m], c->u_max[q % m]);
+	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
+		const real step = clip(v[q] - gradient[q] * mpc->inverse[q], c->u_min[j], c->u_max[j]);
 		residual = max_of(residual, MATH(fabs)(v[q] - step));
 	}
 	return residual;

@@ -9,9 +9,9 @@ static void choose_free(KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, V = c->horizon * m;
 	mpc->n_free = 0;
-	for (size_t q = 0; q < V; q++) {
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
 		const real v = mpc->plan[q], g = mpc->gradient[q];
-		const real set = v >= c->u_max[q % m] && g <= 0 ? 1 : v <= c->u_min[q % m] && g >= 0 ? -1 : 0;
+		const real set = v >= c->u_max[j] && g <= 0 ? 1 : v <= c->u_min[j] && g >= 0 ? -1 : 0;
 		if (set != mpc->set[q]) { mpc->factored = 0; }
 		mpc->set[q] = set;
 		mpc->n_free += set == 0;

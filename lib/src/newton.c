@@ -212,12 +212,11 @@ OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
 
 /* v over the free inputs to where the gradient vanishes. Back substitution runs
  * forwards in time: with `in_box`, an input that meets its bound stays there and
- * the later ones make the best of it. Returns whether one did. */
-static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box) {
+ * the later ones make the best of it. */
+static void newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, V = c->horizon * m, size = mpc->n_free;
 	real *step = mpc->work; /* the rows of the Hessian are done with */
-	int met = 0;
 	for (size_t q = 0, r = 0; q < V; q++) {
 		if (mpc->set[q] == 0) { step[r++] = -gradient[q]; }
 	}
@@ -226,19 +225,18 @@ static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box
 		step[r] *= row[r];
 		add_scaled(step + r + 1, -step[r], row + r + 1, size - r - 1);
 	}
-	for (size_t q = V, r = size; q-- > 0;) {
+	for (size_t q = V, r = size, j = 0; q-- > 0;) {
+		j = j > 0 ? j - 1 : m - 1;
 		if (mpc->set[q] != 0) { continue; }
 		r--;
 		const real *row = mpc->factor + packed_offset(r, size);
 		step[r] = (step[r] - dot(row + r + 1, step + r + 1, size - r - 1)) * row[r];
-		const real to = v[q] + step[r], inside = clip(to, c->u_min[q % m], c->u_max[q % m]);
+		const real to = v[q] + step[r], inside = clip(to, c->u_min[j], c->u_max[j]);
 		if (in_box && inside != to) {
-			met = 1;
 			step[r] = inside - v[q];
 			v[q] = inside;
 		} else {
 			v[q] = to;
 		}
 	}
-	return met;
 }

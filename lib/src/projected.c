@@ -3,10 +3,9 @@
  * projections (Dostal and Schoeberl 2005), scaled by the Hessian's diagonal. Goes
  * downhill at every step, whatever the bounds. */
 
-/* The gradient by input q, or 0 where a bound holds the input; *at_bound: whether it
+/* The gradient by element q, of input j, or 0 where a bound holds the input; *at_bound: whether it
  * is at one. */
-static real way_down(const KOOP(mpc) *mpc, size_t q, int *at_bound) {
-	const size_t j = q % mpc->config.n_inputs;
+static real way_down(const KOOP(mpc) *mpc, size_t q, size_t j, int *at_bound) {
 	const real v = mpc->plan[q], g = mpc->gradient[q];
 	const int low = v <= mpc->config.u_min[j], high = v >= mpc->config.u_max[j];
 	*at_bound = low || high;
@@ -20,14 +19,14 @@ static int begin_way(KOOP(mpc) *mpc) {
 	const size_t m = c->n_inputs, V = c->horizon * m;
 	real promise[2] = {0, 0};
 	int at_bound;
-	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->steepest;
-		const real room = g > 0 ? mpc->plan[q] - c->u_min[q % m] : c->u_max[q % m] - mpc->plan[q];
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
+		const real g = way_down(mpc, q, j, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->steepest;
+		const real room = g > 0 ? mpc->plan[q] - c->u_min[j] : c->u_max[j] - mpc->plan[q];
 		promise[at_bound] += MATH(fabs)(g) * (step < room ? step : room);
 	}
 	const int leave = promise[1] > promise[0];
-	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound);
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
+		const real g = way_down(mpc, q, j, &at_bound);
 		mpc->way[q] = at_bound == leave ? -g * mpc->inverse[q] : 0;
 	}
 	return leave;
@@ -36,16 +35,16 @@ static int begin_way(KOOP(mpc) *mpc) {
 /* way = the next conjugate direction, after a step along it that no bound has cut
  * short; returns 0 where leaving a bound promises more. */
 static int continue_way(KOOP(mpc) *mpc, real curvature) {
-	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	real promise[2] = {0, 0}, turn = 0;
 	int at_bound;
-	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound), scaled_g = g * mpc->inverse[q];
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
+		const real g = way_down(mpc, q, j, &at_bound), scaled_g = g * mpc->inverse[q];
 		promise[at_bound] += g * scaled_g;
 		turn += at_bound ? 0 : scaled_g * mpc->bent[q];
 	}
-	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound);
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
+		const real g = way_down(mpc, q, j, &at_bound);
 		mpc->way[q] = at_bound ? 0 : turn / curvature * mpc->way[q] - g * mpc->inverse[q];
 	}
 	return promise[0] >= promise[1];
@@ -56,9 +55,9 @@ static real room_along(const KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs;
 	real length = REAL_MAX;
-	for (size_t q = 0; q < c->horizon * m; q++) {
+	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
 		const real way = mpc->way[q], speed = MATH(fabs)(way);
-		const real room = way < 0 ? mpc->plan[q] - c->u_min[q % m] : c->u_max[q % m] - mpc->plan[q];
+		const real room = way < 0 ? mpc->plan[q] - c->u_min[j] : c->u_max[j] - mpc->plan[q];
 		if (room < speed * length) { length = room / speed; }
 	}
 	return length;
@@ -66,10 +65,10 @@ static real room_along(const KOOP(mpc) *mpc) {
 
 /* A gradient step of the inputs inside the box, projected: several bounds can be met at once. */
 static void project_gradient(KOOP(mpc) *mpc) {
-	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	int at_bound;
-	for (size_t q = 0; q < V; q++) {
-		const real g = way_down(mpc, q, &at_bound);
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
+		const real g = way_down(mpc, q, j, &at_bound);
 		mpc->plan[q] -= at_bound ? 0 : g * mpc->inverse[q] / mpc->steepest;
 	}
 	clip_all(&mpc->config, mpc->plan);

@@ -3,9 +3,12 @@
  * the operations, and compilers turn each group into vector instructions
  * already at -O2. */
 
-/* Where a compiler would merge functions and with them their stack. */
-#if defined(__GNUC__)
+/* Where a compiler would merge functions, and with them their stack, or make a copy
+ * for a constant argument that it then spoils. */
+#if defined(__clang__)
 #define OUT_OF_LINE __attribute__((noinline))
+#elif defined(__GNUC__)
+#define OUT_OF_LINE __attribute__((noinline, noclone))
 #else
 #define OUT_OF_LINE
 #endif

@@ -105,7 +105,7 @@ def report(rows):
         "Tracking with Koopman-MPC, 2,000 steps: float64, the paper in brackets",
         ["method", "mean error", "energy", "fallback %", "error f32", "KKT max", "solve us, median / max"],
         lines,
-        "Poly, Poly (DZ-CS) and Poly (DZ-KS) are bistable: round-off decides whether one run keeps the path.",
+        "Poly, Poly (DZ-CS) and Poly (DZ-KS) are bistable: a centimetre at the start decides (`make study`).",
     )
 
 

@@ -65,7 +65,8 @@ static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	const real tolerance = mpc->config.tolerance;
 	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && result->residual > tolerance; k++, result->iterations++) {
-		const int guessed = k == 0 && mpc->planned; /* the bounds that held the last plan hold this one */
+		const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
+		mpc->planned = 0;
 		if (!guessed) { choose_free(mpc); }
 		const int status = mpc->factored ? KOOP_OK : factor_free(mpc);
 		if (status != KOOP_OK) { return status; }

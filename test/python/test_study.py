@@ -93,7 +93,6 @@ def test_solvers_agree_where_the_program_is_well_posed(paper):
     expected = study.library(estimator)(*step)
     assert np.allclose(study.daqp_solver()(*step), expected, atol=1e-7)
     assert study.daqp_solver()(np.full_like(step[0], np.nan), *step[1:]) is None
-    pytest.importorskip("osqp")
     assert np.allclose(study.osqp_solver()(*step), expected, atol=1e-2)
 
 
@@ -137,7 +136,6 @@ def test_a_reset_covariance_breaks_constant_trace_and_a_capped_radius_mends_it(p
 
 
 def test_study_on_a_small_design(tmp_path, monkeypatch):
-    pytest.importorskip("osqp")
     methods = [scenario.Method("poly", "ct"), scenario.Method("poly", "sift"), scenario.Method("rbf", "sift")]
     monkeypatch.setattr(scenario, "METHODS", methods)
     monkeypatch.setattr(study, "design", lambda: [study.Setting(POLY_CT), study.Setting(POLY_CT, start="P reset")])

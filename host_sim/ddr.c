@@ -123,14 +123,11 @@ static size_t memory_of(const tk_effect *effect, const tk_active *active, double
 	return effect->n_memory + (effect->history ? effect->history(active->parameters, dt) : 0);
 }
 
-static int check(const tk_active *active, double dt, double end) {
+static int check(const tk_active *active, double dt) {
 	const tk_effect *effect = effect_by_name(active->effect);
 	if (!effect) { return fail("there is no effect named '%s'", active->effect ? active->effect : ""); }
 	if (!isfinite(active->t0) || isnan(active->t1)) {
 		return fail("%s: it acts from %g s to %g s, which is no time", effect->name, active->t0, active->t1);
-	}
-	if (effect->needs_end && !isfinite(fmin(active->t1, end))) {
-		return fail("%s: its end t1 must be given, since the end of the drive is not known", effect->name);
 	}
 	if (check_parameters(effect, active) != TK_OK) { return TK_ERROR; }
 	if (memory_of(effect, active, dt) > MOST_MEMORY) {
@@ -173,7 +170,7 @@ ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double
 	}
 	size_t memory_size = 1;
 	for (size_t i = 0; i < n_effects; i++) {
-		if (check(&effects[i], dt, end) != TK_OK) { return NULL; }
+		if (check(&effects[i], dt) != TK_OK) { return NULL; }
 		memory_size += memory_of(effect_by_name(effects[i].effect), &effects[i], dt);
 	}
 	ddr *robot = calloc(1, sizeof *robot);
@@ -190,10 +187,6 @@ ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double
 	}
 	collect(robot, effects);
 	return robot;
-}
-
-ddr *ddr_new(const tk_active *effects, size_t n_effects, double dt, const double *x0) {
-	return ddr_open(effects, n_effects, TK_EULER, dt, INFINITY, x0);
 }
 
 int tk_ddr_simulate(const tk_active *effects, size_t n_effects, int integrator, double dt, size_t steps,

@@ -7,11 +7,9 @@
 typedef struct ddr ddr;
 
 /* Null after fail(). The effects must outlive the robot. `end` (s): when the
- * drive is over, INFINITY if nobody knows. */
+ * drive is over. */
 ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double dt, double end,
               const double *x0);
-/* with Euler steps and no known end */
-ddr *ddr_new(const tk_active *effects, size_t n_effects, double dt, const double *x0);
 void ddr_free(ddr *robot);
 /* x (3): the pose as measured now */
 void ddr_measure(const ddr *robot, double *x);

@@ -175,6 +175,10 @@ int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
 int KOOP(rls_get_theta)(const KOOP(rls) *rls, KOOP_REAL *theta);
 int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
+/* Theta as another estimator of the same sizes holds it: `theta` is laid out as
+ * rls.theta is. Refuses one that is not finite. */
+int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
+
 /* P as d rows of d. KOOP_E_OVERFLOW where only its root fits this precision. */
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
 

@@ -128,12 +128,7 @@ static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
 	if (g->model != ONLINE) {
 		const real *from = fallback(g) == LAST_GOOD ? g->last_good : g->offline;
 		g->error[ONLINE] = g->error[fallback(g)];
-		copy(rls->theta, from, theta_reals(g));
-		rls->theta_bound = 0;
-		for (size_t i = 0; i < theta_reals(g); i++) {
-			const real size = MATH(fabs)(from[i]);
-			if (size > rls->theta_bound) { rls->theta_bound = size; }
-		}
+		KOOP(rls_copy_theta)(rls, from);
 	}
 	KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN);
 	g->distrusted = 0;

@@ -196,6 +196,15 @@ int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 	return KOOP_OK;
 }
 
+int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
+	if (!rls || !rls->theta || !theta) { return KOOP_E_NULL; }
+	const size_t size = rls->n_regressors * rls->n_lifted_padded;
+	if (!all_finite(theta, size)) { return KOOP_E_INPUT; }
+	for (size_t i = 0; i < size; i++) { rls->theta[i] = theta[i]; }
+	rls->theta_bound = max_abs(theta, size);
+	return KOOP_OK;
+}
+
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, real *covariance) {
 	if (!rls || !rls->covariance || !covariance) { return KOOP_E_NULL; }
 	int finite = 1;

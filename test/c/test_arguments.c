@@ -44,6 +44,7 @@ static void test_null_pointers_to_an_estimator(void) {
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_reset_covariance)(rls, 1));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_get_theta)(rls, buffer));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_set_theta)(rls, buffer));
+		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_copy_theta)(rls, buffer));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_get_covariance)(rls, buffer));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(model_save)(rls, model, sizeof model));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(model_load)(rls, model, sizeof model));
@@ -59,6 +60,7 @@ static void test_null_pointers_to_an_estimator(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(rls_predict)(&e.rls, zeta, zeta, NULL));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(rls_get_theta)(&e.rls, NULL));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(rls_set_theta)(&e.rls, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(rls_copy_theta)(&e.rls, NULL));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(rls_get_covariance)(&e.rls, NULL));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(model_save)(&e.rls, NULL, sizeof model));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(model_load)(&e.rls, NULL, sizeof model));

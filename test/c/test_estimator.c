@@ -37,6 +37,24 @@ static void test_theta_round_trip(void) {
 	}
 }
 
+static void test_theta_of_another_estimator(void) {
+	static estimator other;
+	random_source random = random_seed(23);
+	real theta[N * D], back[N * D];
+	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	estimator_default(&other, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
+	random_fill(&random, theta, N * D, -100, 100);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&other.rls, theta));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&e.rls, other.rls.theta));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_get_theta)(&e.rls, back));
+	TEST_ASSERT_EQUAL_MEMORY(theta, back, sizeof theta);
+	TEST_ASSERT_TRUE(e.rls.theta_bound >= other.rls.theta_bound);
+	other.rls.theta[D - 1] = (real)NAN;
+	CHECK_STATUS(KOOP_E_INPUT, KOOP(rls_copy_theta)(&e.rls, other.rls.theta));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_get_theta)(&e.rls, back));
+	TEST_ASSERT_EQUAL_MEMORY(theta, back, sizeof theta);
+}
+
 static void test_theta_that_is_not_finite_is_refused(void) {
 	const double values[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
 	real theta[N * D] = {0};
@@ -208,6 +226,7 @@ int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_starts_from_nothing);
 	RUN_TEST(test_theta_round_trip);
+	RUN_TEST(test_theta_of_another_estimator);
 	RUN_TEST(test_theta_that_is_not_finite_is_refused);
 	RUN_TEST(test_predicts_theta_times_zeta);
 	RUN_TEST(test_prediction_refuses);

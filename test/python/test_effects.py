@@ -315,12 +315,17 @@ def test_noise_is_what_it_says_and_repeats():
     assert np.all(np.abs(np.corrcoef(z.T) - np.eye(6)) < five_sigma)
 
 
-def test_sag_in_a_closed_loop_needs_its_end():
-    estimator = sim.Estimator("poly_ddr", "ef", 64)
-    mpc, path = sim.Mpc(horizon=5), np.zeros((16, 3))
-    with pytest.raises(sim.UserError, match="battery_sag.*t1"):
-        estimator.control(mpc, path, DT, 10, path[0], usual("battery_sag"))
-    estimator.control(mpc, path, DT, 10, path[0], [sim.usual_effect("battery_sag", 0, 0.5)])
+def test_sag_in_a_closed_loop_ends_with_the_drive():
+    steps, mpc = 40, sim.Mpc(horizon=5)
+    path = sim.simulate(np.tile([1.5, 0.2], (steps + 6, 1)), DT)
+    seen = []
+    for active in (usual("battery_sag"), [sim.usual_effect("battery_sag", 0, steps * DT)]):
+        estimator = sim.Estimator("poly_ddr", "ef", 64)
+        trace = estimator.control(mpc, path, DT, steps, path[0], active, solver=lambda *_: (1.0, 0.1))
+        assert np.allclose(trace["x"], sim.simulate(trace["u"], DT, active=active), rtol=0, atol=1e-12)
+        seen.append(trace["x"])
+    assert np.array_equal(*seen)
+    assert np.linalg.norm(seen[0][-1] - sim.simulate(np.tile([1.0, 0.1], (steps, 1)), DT)[-1]) > 0.01
 
 
 # ---- windows -----------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ def test_ruined_learner_is_used_again(precision):
     """Vanilla RBF after the one-step run: lost without the guard, and learning again with it."""
     path = control.reference_path()
     error = {}
-    for name, guarded in (("guarded", sim.Guard(guard.offline_theta("rbf"))), ("unguarded", None)):
+    for name, guarded in (("guarded", sim.Guard(guard.theta_of_many_drives("rbf"))), ("unguarded", None)):
         estimator = guard.start("rbf", "ef", precision, "plain", "carried over")
         trace = estimator.control(
             guard.MPC, path, scenario.DT, 600, path[0], scenario.effects(control.EDGES), guard=guarded
@@ -73,4 +73,4 @@ def test_bad_offline_model_is_refused():
     with pytest.raises(UserError, match="guard"):
         attempt(np.zeros((7, 9)))  # no input acts on it
     with pytest.raises(UserError, match="solver"):
-        attempt(guard.offline_theta("poly"), solver=lambda theta, psi, reference: (0.0, 0.0))
+        attempt(guard.theta_of_many_drives("poly"), solver=lambda theta, psi, reference: (0.0, 0.0))

@@ -36,7 +36,7 @@ TURN = 0.7  # rad/s, of references
 
 
 @cache
-def offline_theta(dictionary, drives=12, steps=2500, heading=0.85):
+def theta_of_many_drives(dictionary, drives=12, steps=2500, heading=0.85):
     """Offline model from drives of the nominal robot at many headings and speeds, each with its mirror image.
 
     scenario.offline_theta() has seen one drive, within 0.38 rad: there theta and sin(theta) cannot be told apart, and
@@ -117,7 +117,7 @@ def start(dictionary, regulator, precision, form, knows):
     if knows == "carried over":
         estimator.replay(*_first_drive())
     elif knows == "offline":
-        estimator.theta = offline_theta(dictionary)
+        estimator.theta = theta_of_many_drives(dictionary)
     return estimator
 
 
@@ -137,7 +137,7 @@ def draw(number, seed):
 
 def drive(run, model, **settings):
     """Trace of one run: model is guarded, unguarded or offline (the offline model by itself)."""
-    theta = offline_theta(run["dictionary"])
+    theta = theta_of_many_drives(run["dictionary"])
     if model == "offline":
         estimator = sim.Estimator(f"{run['dictionary']}_ddr", "none", run["precision"])
         estimator.theta = theta
@@ -174,7 +174,7 @@ def price(method):
     dictionary, regulator = method
     row = {"dictionary": dictionary, "regulator": regulator}
     path = control.reference_path()
-    for name, guard in (("unguarded", None), ("guarded", sim.Guard(offline_theta(dictionary)))):
+    for name, guard in (("unguarded", None), ("guarded", sim.Guard(theta_of_many_drives(dictionary)))):
         estimator = start(dictionary, regulator, 64, "plain", "carried over")
         trace = estimator.control(MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard)
         row[f"mean_error_{name}"] = float(np.linalg.norm(trace["x"][1:] - path[1 : STEPS + 1], axis=1).mean())
@@ -275,7 +275,7 @@ def draw_timeline(out):
     """Vanilla RBF on the path of `make control`: model in use, error, innovation."""
     path = control.reference_path()
     traces = {}
-    for name, guard in (("no guard", None), ("guarded", sim.Guard(offline_theta("rbf")))):
+    for name, guard in (("no guard", None), ("guarded", sim.Guard(theta_of_many_drives("rbf")))):
         estimator = start("rbf", "ef", 64, "plain", "carried over")
         traces[name] = estimator.control(
             MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard

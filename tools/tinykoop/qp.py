@@ -94,10 +94,15 @@ def condense(step, mpc=control.MPC):
     return (H + H.T) / 2, f
 
 
+def box(mpc=control.MPC):
+    """low (2 h) and high (2 h)."""
+    return np.tile(mpc.u_min, mpc.horizon), np.tile(mpc.u_max, mpc.horizon)
+
+
 def write_out(step, mpc=control.MPC):
     """The Problem of one step."""
     H, f = condense(step, mpc)
-    low, high = np.tile(mpc.u_min, mpc.horizon), np.tile(mpc.u_max, mpc.horizon)
+    low, high = box(mpc)
     return Problem(H, f, low, high, *solve(H, f, low, high))
 
 

@@ -148,7 +148,7 @@ def _peer(name):
 def daqp_plan(step):
     """(program of qp.Step `step`, plan) by an exact active-set solver; no plan without a usable model."""
     H, f = qp.condense(step)
-    low, high = np.tile(control.MPC.u_min, control.MPC.horizon), np.tile(control.MPC.u_max, control.MPC.horizon)
+    low, high = qp.box()
     problem = qp.Problem(H, f, low, high, None, None)
     if not (np.all(np.isfinite(H)) and np.all(np.isfinite(f))):
         return problem, None
@@ -169,9 +169,8 @@ def daqp_solver():
 def osqp_solver(tolerance=1e-5):
     """An operator-splitting solver at a finite tolerance, as the paper's CVXPY may have called it."""
     osqp, sparse = _peer("osqp"), _peer("scipy.sparse")  # which osqp needs
-    h = control.MPC.horizon
-    low, high = np.tile(control.MPC.u_min, h), np.tile(control.MPC.u_max, h)
-    box = sparse.eye(2 * h, format="csc")
+    low, high = qp.box()
+    box = sparse.eye(len(low), format="csc")
 
     def solve(theta, psi, reference):
         H, f = qp.condense(qp.Step(theta, psi, reference))

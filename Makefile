@@ -7,7 +7,7 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control ablate windup study guard bench clean
+.PHONY: help system build c-tests demo test learn control ablate windup diagnose blind study guard bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -61,6 +61,19 @@ ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: abla
 
 windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
 	@$(TINYKOOP) windup
+
+diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, PLATFORM=ddr): diagnose/report.json, report.html
+	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [PLATFORM=ddr]" >&2; exit 2; }
+	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(PLATFORM),--platform "$(PLATFORM)")
+
+# What the blind check needs beside the diagnoser: its peers, and a way to all cores.
+$(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
+	@echo "Peers of the diagnoser ..."
+	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-blind.txt -r tools/requirements-peers.txt
+	@touch $@
+
+blind: build $(VENV)/blind-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=): blind.json
+	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) blind $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
 
 study: build ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
 	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")

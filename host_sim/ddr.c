@@ -70,13 +70,15 @@ ddr_motion ddr_next(ddr *robot, const double *u) {
 	signal.body[2] = signal.command[1];
 	pass(robot, TK_PLANT, &signal);
 
+	static const double ahead[] = {
+	    [TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
 	/* an arc's chord lies half the turn ahead, and is shorter than the arc */
 	const double half = 0.5 * signal.body[2] * signal.dt;
 	const double chord = robot->integrator == TK_ARC && half != 0 ? sin(half) / half : 1;
 	return (ddr_motion){
 	    .dt = signal.dt,
 	    .way = {signal.body[0] * chord, signal.body[1] * chord},
-	    .ahead = robot->integrator == TK_EULER ? 0 : half,
+	    .ahead = ahead[robot->integrator] * half,
 	    .turn = signal.body[2],
 	    .drift = {signal.drift[0], signal.drift[1]},
 	};
@@ -164,7 +166,7 @@ ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double
 		fail("dt is %g s, it must be positive", dt);
 		return NULL;
 	}
-	if (integrator != TK_EULER && integrator != TK_MIDPOINT && integrator != TK_ARC) {
+	if (integrator < TK_EULER || integrator > TK_SEMI_IMPLICIT) {
 		fail("there is no integrator %d", integrator);
 		return NULL;
 	}

@@ -31,8 +31,9 @@ TK_API const char *tk_message(void);
  */
 
 /* How the pose moves in a step of constant velocities: along the heading at its
- * beginning, along the one half-way, or along the exact arc. */
-enum { TK_EULER = 0, TK_MIDPOINT = 1, TK_ARC = 2 };
+ * beginning, along the one half-way, along the exact arc, or along the heading at
+ * its end (semi-implicit Euler, as physics engines step). */
+enum { TK_EULER = 0, TK_MIDPOINT = 1, TK_ARC = 2, TK_SEMI_IMPLICIT = 3 };
 
 /* Where an effect acts, in the order in which a step passes through them. */
 enum { TK_ACTUATOR = 0, TK_PLANT = 1, TK_SENSOR = 2 };
@@ -75,7 +76,7 @@ typedef struct tk_recording {
  * Written for every start and each of `steps` (how many steps later), 3 each:
  * the pose predicted as measured, and the measured pose less that one, along,
  * across (m, in the axes of the pose measured at the start) and in heading (rad,
- * wrapped). NaN where an unusable transition lies between. */
+ * wrapped). NaN where an unusable transition, or the end of the log, lies between. */
 TK_API int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
                       size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
                       double *predicted, double *residual);

@@ -55,19 +55,17 @@ static int check_recording(const tk_recording *log) {
 static int check_windows(const tk_recording *log, size_t n_starts, const int64_t *starts, size_t n_steps,
                          const int64_t *steps) {
 	const int64_t final = (int64_t)log->rows - 1;
-	int64_t longest = 0;
 	if ((n_starts && !starts) || !n_steps || !steps) { return fail("starts and steps must be given"); }
 	for (size_t j = 0; j < n_steps; j++) {
 		if (steps[j] < 1 || steps[j] > final) {
 			return fail("a window of %lld steps does not fit into a log of %zu rows", (long long)steps[j],
 			            log->rows);
 		}
-		longest = steps[j] > longest ? steps[j] : longest;
 	}
 	for (size_t i = 0; i < n_starts; i++) {
-		if (starts[i] < 0 || starts[i] > final - longest) {
-			return fail("a window of %lld steps cannot start in row %lld: the last row is %lld",
-			            (long long)longest, (long long)starts[i], (long long) final);
+		if (starts[i] < 0 || starts[i] > final) {
+			return fail("a window cannot start in row %lld: the last row is %lld", (long long)starts[i],
+			            (long long) final);
 		}
 	}
 	return TK_OK;
@@ -94,19 +92,32 @@ static int travel(ddr *robot, const tk_recording *log, place *path) {
 	return TK_OK;
 }
 
-/* v turned by `angle` */
-static void turn(double angle, double *v) {
-	const double c = cos(angle), s = sin(angle), along = v[0];
-	v[0] = c * along - s * v[1];
-	v[1] = s * along + c * v[1];
+typedef struct rotation {
+	double c, s;
+} rotation;
+
+static rotation by_angle(double angle) {
+	return (rotation){cos(angle), sin(angle)};
 }
 
-/* The measured pose at row `end` of the window that starts at `true_start` in row `start`. */
+static void turn(rotation r, double *v) {
+	const double along = v[0];
+	v[0] = r.c * along - r.s * v[1];
+	v[1] = r.s * along + r.c * v[1];
+}
+
+/* to -pi .. pi; most angles are there already */
+static double wrapped(double angle) {
+	return fabs(angle) < 3.14 ? angle : remainder(angle, 6.283185307179586);
+}
+
+/* The measured pose at row `end` of the window that starts at `true_start` in row `start`;
+ * `to_start` turns the path there. */
 static void predict(const ddr *robot, const place *path, size_t start, size_t end, const double *true_start,
-                    double *pose) {
+                    rotation to_start, double *pose) {
 	const place *a = &path[start], *b = &path[end];
 	for (size_t i = 0; i < 3; i++) { pose[i] = b->pose[i] - a->pose[i]; }
-	turn(true_start[2] - a->pose[2], pose);
+	turn(to_start, pose);
 	for (size_t i = 0; i < 2; i++) { pose[i] += b->drift[i] - a->drift[i]; }
 	for (size_t i = 0; i < 3; i++) { pose[i] += true_start[i]; }
 	ddr_sense(robot, end, pose);
@@ -117,14 +128,15 @@ static void run(const ddr *robot, const tk_recording *log, const place *path, si
 	const double *measured = log->x + 3 * start;
 	double at[3] = {measured[0], measured[1], measured[2]};
 	ddr_unsense(robot, start, at);
+	const rotation to_start = by_angle(at[2] - path[start].pose[2]), to_axes = by_angle(-measured[2]);
 	for (size_t j = 0; j < n_steps; j++) {
 		const size_t end = start + (size_t)steps[j];
 		double pose[3] = {NAN, NAN, NAN}, off[3] = {NAN, NAN, NAN};
 		if (end <= path[start].last) {
-			predict(robot, path, start, end, at, pose);
+			predict(robot, path, start, end, at, to_start, pose);
 			for (size_t i = 0; i < 3; i++) { off[i] = log->x[3 * end + i] - pose[i]; }
-			turn(-measured[2], off);
-			off[2] = remainder(off[2], 6.283185307179586);
+			turn(to_axes, off);
+			off[2] = wrapped(off[2]);
 		}
 		for (size_t i = 0; i < 3; i++) {
 			if (predicted) { predicted[3 * j + i] = pose[i]; }

@@ -38,7 +38,7 @@ ORDER = (
     "sensor_lever_arm", "heading_bias", "measurement_noise",
 )  # fmt: skip
 KNOWN = ORDER[:-1]  # noise has no formula, it has statistics
-INTEGRATORS = (sim.EULER, sim.MIDPOINT, sim.ARC)
+INTEGRATORS = (sim.EULER, sim.MIDPOINT, sim.ARC, sim.SEMI_IMPLICIT)
 DT = 0.05  # s
 
 
@@ -174,7 +174,8 @@ def moved(pose, velocity, dt, integrator):
     if integrator == sim.ARC and abs(turn) > 1e-9:
         way = flat / (1j * turn) * (np.exp(1j * turn * dt) - 1)
     else:
-        way = flat * dt * (np.exp(0.5j * turn * dt) if integrator != sim.EULER else 1)
+        ahead = {sim.EULER: 0, sim.SEMI_IMPLICIT: 1}.get(integrator, 0.5)
+        way = flat * dt * np.exp(1j * ahead * turn * dt)
     return z + way * np.exp(1j * heading) + complex(wx, wy) * dt, heading + turn * dt
 
 
@@ -431,8 +432,9 @@ def test_bad_effect_is_refused(effect, message):
         ({"steps": [0]}, "window of 0 steps"),
         ({"steps": []}, "steps must be given"),
         ({"starts": [-1]}, "cannot start in row -1"),
-        ({"starts": [0, 49], "steps": [1, 2]}, "window of 2 steps cannot start in row 49: the last row is 50"),
-        ({"integrator": 3}, "no integrator 3"),
+        ({"starts": [0, 51], "steps": [1, 2]}, "cannot start in row 51: the last row is 50"),
+        ({"integrator": 4}, "no integrator 4"),
+        ({"integrator": -1}, "no integrator -1"),
         ({"active": usual("measurement_noise")}, "measurement_noise cannot be undone"),
         ({"u": np.full((50, 2), np.nan)}, "command in row 0 is not finite"),
         ({"x": np.full((51, 3), np.nan)}, "pose in row 0 or 1 is not finite"),
@@ -464,7 +466,7 @@ def bench(rows=2000, horizon=20, stride=5, repeats=200):
         "all 17": KNOWN,
     }
     print(f"{rows} rows, {len(starts)} windows of {horizon} steps")
-    for integrator, label in zip(INTEGRATORS, ("Euler", "midpoint", "arc")):
+    for integrator, label in zip(INTEGRATORS, ("Euler", "midpoint", "arc", "semi")):
         for name, members in sets.items():
             active, took = usual(*members), []
             for _ in range(repeats):

@@ -32,6 +32,17 @@ def parser():
     add("guard", "random closed-loop runs, guarded against unguarded")
     add("bench", "the update and the solve against peers, side by side")
 
+    gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
+    gap.add_argument("log")
+    gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
+    gap.add_argument("--platform", choices=("ddr",), default="ddr")
+    gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
+    blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
+    blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
+    blind.add_argument("--seed", type=int, default=1)
+    blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
+    blind.add_argument("--cluster", help="address of a Dask scheduler that takes the work instead")
+
     play = add("replay", "a log through the eleven methods, both precisions and forms")
     play.add_argument("log")
     play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
@@ -64,6 +75,14 @@ def dispatch(a):
         from . import study
 
         study.run(a.out, study.RUNS if a.runs is None else a.runs)
+    elif a.command == "diagnose":
+        from . import diagnose
+
+        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.platform, a.without)
+    elif a.command == "blind":
+        from . import blind
+
+        blind.run(a.out, a.n, a.seed, a.cluster, a.jobs)
     elif a.command == "bench":
         from . import bench
 

@@ -182,7 +182,7 @@ def _ints(array):
 # ---- plant -----------------------------------------------------------------------------------
 
 
-EULER, MIDPOINT, ARC = 0, 1, 2  # integrators; the paper's is Euler
+EULER, MIDPOINT, ARC, SEMI_IMPLICIT = 0, 1, 2, 3  # integrators; the paper's is Euler
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):
     it is compared. Actuator states are rolled over the whole log, through what is not usable (K-1) too.
     Returns predicted (S, n, 3) [m, m, rad] and residual (S, n, 3), measured less predicted: along, across
     [m, in the axes of the pose measured at the start] and heading [rad, wrapped]; NaN where an
-    unusable transition lies between.
+    unusable transition, or the end of the log, lies between.
     """
     x, u = _in(x, 3), _in(u, 2)
     starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)

@@ -1,0 +1,178 @@
+"""The diagnoser on generated logs whose effect it is not told.
+
+Logs come from a plant of their own (`plant`, `drives`, `tiers`). The labels are written and sealed first; then every
+log is diagnosed in a process that sees nothing but the log and a fresh log, and `score` compares report and label.
+
+    blind/labels.json      the truth
+    blind/seal.json        SHA-256 of the labels, seed, logs a tier, who diagnoses
+    blind/logs, fresh      contract CSVs under shuffled numbers
+    blind/reports/WHO      one file a log: report, exit status, seconds
+    blind.json             the figures, written last: a run that was killed leaves none
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from .. import sim
+from ..errors import UserError
+from ..results import console, output_folder, progress, write_json
+
+N, SEED = 20, 1
+TIMEOUT = 600  # s, of one diagnosis
+TOOLS = Path(__file__).resolve().parents[2]
+DIAGNOSE = (sys.executable, "-m", "tinykoop.cli", "diagnose")
+INSTALL = "install it: build/venv/bin/pip install -r tools/requirements-blind.txt"
+
+
+# ---- who diagnoses -------------------------------------------------------------------------------
+
+
+class Command:
+    """diagnoser(log, fresh, without=(..)) -> report, by a command line in a process of its own."""
+
+    def __init__(self, command=DIAGNOSE):
+        self.command = [str(part) for part in command]
+
+    def __call__(self, log, fresh, without=()):
+        out = Path(log).parent / "out"
+        taken = [part for name in without for part in ("--without", name)]
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(TOOLS)}
+        done = subprocess.run(
+            [*self.command, str(log), "--fresh", str(fresh), "--out", str(out), *taken], env=environment,
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT,
+        )  # fmt: skip
+        if done.returncode != 0:
+            raise RuntimeError(f"exit status {done.returncode}: {done.stderr.strip()[-2000:]}")
+        return json.loads((out / "report.json").read_text())
+
+
+def others():
+    """{name: callable(log, fresh, without=()) -> what report.json holds} of the methods compared with; {} without any."""
+    try:
+        from .peers import PEERS
+    except ImportError as error:
+        console.print(f"No peers are compared with: {error}")
+        return {}
+    return PEERS
+
+
+def diagnose(key, diagnoser, log, fresh, without):
+    """(key, run) of one log, given as bytes so that a cluster needs no shared folder. Nothing is raised."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / name for name in ("log.csv", "fresh.csv")]
+        for path, data in zip(paths, (log, fresh)):
+            path.write_bytes(data)
+        report, error, start = None, None, time.perf_counter()
+        try:
+            report = diagnoser(*paths, without=tuple(without))
+        except Exception as reason:  # of whatever kind: it is counted and listed
+            error = f"{type(reason).__name__}: {reason}"
+        return key, {"report": report, "error": error, "seconds": time.perf_counter() - start}
+
+
+# ---- in parallel ---------------------------------------------------------------------------------
+
+
+@contextmanager
+def _workers(cluster, jobs):
+    """All cores, or the Dask cluster at an address; its workers must have this package."""
+    try:
+        from joblib import parallel_config
+    except ImportError:
+        raise UserError(f"the package joblib is missing; {INSTALL}")
+    if cluster is None:
+        with parallel_config("loky", n_jobs=jobs or -1):
+            yield
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UserError(f"--cluster: the package distributed is missing; {INSTALL}")
+    try:
+        client = Client(cluster, timeout=10)
+    except (OSError, ValueError) as error:
+        raise UserError(f"--cluster {cluster}: no Dask scheduler answers there ({type(error).__name__})")
+    with client, parallel_config("dask", n_jobs=jobs or -1):
+        yield
+
+
+def _each(function, calls, description):
+    """Results as they come, with a progress bar over them."""
+    from joblib import Parallel, delayed
+
+    results = Parallel(return_as="generator_unordered")(delayed(function)(*call) for call in calls)
+    for _ in progress(range(len(calls)), description):
+        yield next(results)
+
+
+def _draw(tier, seed, k):
+    from . import tiers
+
+    return (tier, k), tiers.draw(tier, seed, k)
+
+
+# ---- a campaign ----------------------------------------------------------------------------------
+
+
+def _empty(work):
+    """The folder of the campaign, made empty; only what an earlier one left is removed."""
+    if work.exists() and any(work.iterdir()) and not (work / "labels.json").exists():
+        raise UserError(f"{work}: holds something else than a blind check; move it or choose another --out")
+    shutil.rmtree(work, ignore_errors=True)
+    return output_folder(work)
+
+
+def generate(out, n, seed, diagnosers, which=None):
+    """Draws the logs, writes and seals the labels, then writes the logs; returns {log: label}."""
+    from . import score, tiers
+
+    (out / "blind.json").unlink(missing_ok=True)
+    work = _empty(out / "blind")
+    wanted = [(tier, seed, k) for tier in which or tiers.TIERS for k in range(n)]
+    drawn = dict(_each(_draw, wanted, "drawing logs"))
+    numbers = np.random.default_rng(seed).permutation(len(wanted))
+    logs = {f"{number:04d}": drawn[tier, k] for number, (tier, _, k) in sorted(zip(numbers, wanted))}
+    write_json(work / "labels.json", {name: label for name, (label, _, _) in logs.items()})
+    seal = {"sha256": score.digest(work / "labels.json"), "seed": seed, "n": n, "diagnosers": list(diagnosers)}
+    write_json(work / "seal.json", seal)
+    console.print(f"{len(logs)} logs, seed {seed}. The labels are sealed: SHA-256 {seal['sha256']}", soft_wrap=True)
+    for name, (label, *recordings) in logs.items():
+        for folder, (x, u) in zip(("logs", "fresh"), recordings):
+            sim.write_log(output_folder(work / folder) / f"{name}.csv", x, u, label["dt"])
+    return {name: label for name, (label, _, _) in logs.items()}
+
+
+def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=None):
+    """Writes blind.json and its plots into `out`; returns the results. which: tiers, all if None."""
+    from . import draw, score
+
+    if n < 1 or seed < 0:
+        raise UserError(f"{n} logs a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
+    out = output_folder(out)
+    diagnosers = {score.OURS: Command()} | others() if diagnosers is None else diagnosers
+    work = out / "blind"
+    with _workers(cluster, jobs):
+        labels = generate(out, n, seed, diagnosers, which)
+        for who, diagnoser in diagnosers.items():
+            calls = [
+                (name, diagnoser, *((work / folder / f"{name}.csv").read_bytes() for folder in ("logs", "fresh")),
+                 label["without"])
+                for name, label in labels.items()
+            ]  # fmt: skip
+            folder = output_folder(work / "reports" / who)
+            # the first one alone: what a diagnoser prepares and keeps is then there for the others
+            for first in (calls[:1], calls[1:]):
+                for name, result in _each(diagnose, first, who):
+                    write_json(folder / f"{name}.json", result)
+    results = score.run(out)
+    draw.run(out, results)
+    return results

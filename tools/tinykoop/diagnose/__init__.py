@@ -1,0 +1,21 @@
+"""The sim-to-real gap of one log: where it lies, which unmodelled effect causes it, how far it shrinks.
+
+Data flow: pieces (whitened residuals) -> noise -> search of effects, with phases -> verdict -> measure,
+where, advise -> diagnosis (the report) -> page (what people read).
+"""
+
+from ..results import output_folder, write_json
+from .diagnosis import diagnose, load
+from .platform import PLATFORMS
+
+
+def run(path, out, fresh=None, platform="ddr", without=()):
+    """Diagnoses a log file; writes report.json to `out`."""
+    robot = PLATFORMS[platform]()
+    log = load(path, robot)
+    fresh_log = load(fresh, robot) if fresh else None
+    out = output_folder(out)
+    result = diagnose(log, robot, fresh_log, without)
+    result.report = {"log_file": str(path), "fresh_file": str(fresh) if fresh else None, **result.report}
+    write_json(out / "report.json", result.report)
+    return result

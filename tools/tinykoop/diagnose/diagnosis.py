@@ -1,0 +1,246 @@
+"""One log in, one answer out: the report of the contract and what its page draws."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .. import sim
+from ..errors import UserError
+from . import advise, explain, features, measure, noise, verdict, where
+from .fit import active
+from .pieces import Pieces
+from .platform import PLATFORMS
+
+FEWEST_ROWS = 60
+ARTEFACT = 0.2  # of half a step, to which a lateral skid is the integrator's
+PAYS, PAYS_AT_LEAST = 0.1, 0.1  # a cause must close that much: of the gap above the floor; of the smallest that matters
+HELD = 1e-3  # of its usual value, to which a parameter counts as at its bound
+
+
+@dataclass
+class Diagnosis:
+    """The report, and what was computed on the way that a page may draw."""
+
+    report: dict
+    log: sim.Log
+    pieces: Pieces
+    fit: object
+    before: measure.Windows
+    after: measure.Windows
+    floor: np.ndarray
+    advice: tuple | None
+    fresh_log: sim.Log | None = None
+    fresh_errors: tuple = field(default=())
+
+
+def load(path, platform):
+    """A log that is long enough to say something about."""
+    log = sim.read_log(path, platform.name)
+    if log.usable.sum() < FEWEST_ROWS:
+        raise UserError(f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least")
+    if not np.any(np.abs(np.diff(log.x, axis=0)) > 0):
+        raise UserError(f"{path}: the pose never changes; record a drive in which the robot moves")
+    return log
+
+
+def _artefact(platform, dt, causes):
+    """The integrator that a lateral skid among the causes is an artefact of; None if it is none."""
+    for cause in causes:
+        for integrator in platform.integrators[1:]:
+            expected = integrator.skid * dt
+            if cause.name == "lateral_skid" and abs(cause.params[0] - expected) < ARTEFACT * abs(expected):
+                return integrator
+    return None
+
+
+def _explained(platform, log, without, seed):
+    """(pieces, Explanation). How the log was stepped is settled before any effect, and again if a skid remains."""
+    pieces = Pieces(platform, log, platform.integrators[0])
+    search = explain.begin(pieces, without, seed)
+    best = search.best(1)
+    with_skid = [search.fits[frozenset(["lateral_skid"])]] if "lateral_skid" in search.fitter.effects else []
+    if with_skid and best.names != ("lateral_skid",):
+        with_skid.append(search.fitter.add("lateral_skid", best)[0])
+    stepped = None
+    if with_skid:
+        likely = min(with_skid, key=search.worth)
+        if search.worth(likely) < min(search.worth(best), search.worth(search.base)):
+            stepped = _artefact(platform, log.dt, likely.causes)
+    for _ in range(2):
+        if stepped is not None:
+            pieces = Pieces(platform, log, stepped)
+            search = explain.begin(pieces, without, seed)
+        found = explain.explain(search, without, seed)
+        other = _artefact(platform, log.dt, found.fit.causes)
+        if stepped is not None or other is None:
+            break
+        stepped = other
+    return pieces, found
+
+
+def _paying(search, fit, starts):
+    """(fit, gate) without the causes that do not pay on rows they were not fitted on."""
+    while True:
+        gates = verdict.gate(search.pieces, fit.causes)
+        if not fit.causes:
+            return fit, gates
+        sensor = noise.trusted(search.pieces, gates.generic)
+        gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor))  # noqa: E731
+        _, after, least = gaps(fit)
+        pays = []
+        for i in range(len(fit.causes)):
+            rest = search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=4)
+            without = gaps(rest)[1]
+            gain = (without - after) / np.maximum(without - least, 1e-9)
+            enough = (without - after > PAYS_AT_LEAST * gates.smallest) & (gain > PAYS)
+            pays.append((float(np.max(np.where(enough, gain, 0)[1:])), rest))
+        gain, rest = min(pays, key=lambda pair: pair[0])
+        if gain > 0:
+            return fit, gates
+        fit = rest
+
+
+def _intervals(search, fit):
+    """95 % intervals of all parameters (p, 2), robust to noise that differs between pieces; NaN without a gradient."""
+    fitter, pieces = search.fitter, search.pieces
+    J = fitter.jacobian(fit)
+    by_piece = (J * fit.left[:, None]).reshape(len(pieces.starts), -1, J.shape[1]).sum(1)
+    known = (J**2).sum(0) > 1e-6
+    spread = np.full(J.shape[1], np.nan)
+    if known.any():
+        inverse = np.linalg.pinv(J[:, known].T @ J[:, known], rcond=1e-12)
+        meat = by_piece[:, known].T @ by_piece[:, known]
+        spread[known] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), np.diag(inverse)))
+    return fitter.vector(fit.causes)[:, None] + 1.96 * spread[:, None] * np.array([-1, 1])
+
+
+def _threshold_interval(fitter, fit, index, price=3.84):
+    """Where the cost of a parameter without a gradient rises by `price`: found by steps outwards."""
+    z, ends = fitter.vector(fit.causes), []
+    for sign in (-1, 1):
+        step, edge = 1e-3, z[index]
+        while step < 8:
+            moved = z.copy()
+            moved[index] = z[index] * (1 + sign * step)
+            if fitter.fit_of(fitter.split(fit.causes, moved)).cost > fit.cost + price:
+                break
+            edge, step = moved[index], step * 2
+        else:
+            edge = np.inf if sign > 0 else 0.0
+        ends.append(moved[index] if step < 8 else edge)
+    return ends
+
+
+def _effects(search, fit, proofs, log):
+    """The `effects` of the report."""
+    if not fit.causes:
+        return []
+    fitter, intervals, out, i = search.fitter, _intervals(search, fit), [], 0
+    end = (len(log.x) - 1) * log.dt
+    for cause, proof in zip(fit.causes, proofs):
+        spec, scale = fitter.effects[cause.name][1], fitter.scale(cause)
+        low, high = fitter.bounds(cause)
+        limits, held = {}, []
+        for k, parameter in enumerate(spec):
+            interval = intervals[i + k]
+            if not np.isfinite(interval).all():
+                interval = _threshold_interval(fitter, fit, i + k)
+            limits[parameter.name] = [float(value) for value in np.clip(interval, low[k], high[k]) * scale[k]]
+            if cause.params[k] and (abs(cause.params[k] / scale[k] - low[k]) < HELD or abs(cause.params[k] / scale[k] - high[k]) < HELD):
+                held.append(parameter.name)
+        i += len(spec)
+        out.append(
+            {
+                "name": str(cause.name),
+                "evidence": float(proof.worth),
+                "confidence": proof.confidence,
+                "params": {p.name: float(v) for p, v in zip(spec, cause.params)},
+                "params_ci95": limits,
+                "segments": [[float(max(a, 0.0)), float(min(b, end))] for a, b in cause.segments],
+                "units": {p.name: p.unit for p in spec},
+                "at_bound": held,
+            }
+        )
+    return out
+
+
+def _contributions(search, fit, proofs, starts):
+    """{effect: {H: rise of the gap, m, without it}}."""
+    pieces = search.pieces
+    arguments = pieces.platform, pieces.log, pieces.integrator
+    whole = measure.rms(measure.windows(*arguments, fit.causes, starts).position)
+    keys = [str(H) for H in measure.HORIZONS]
+    return {
+        str(cause.name): dict(zip(keys, map(float, measure.rms(measure.windows(*arguments, proof.without.causes, starts).position) - whole)))
+        for cause, proof in zip(fit.causes, proofs)
+    }
+
+
+def diagnose(log, platform=None, fresh=None, without=(), seed=0, rows=None):
+    """The Diagnosis of a log (sim.Log); fresh: another log of the robot, on which nothing is fitted."""
+    platform = platform or PLATFORMS["ddr"]()
+    pieces, found = _explained(platform, log, without, seed)
+    fit, search, integrator = found.fit, found.search, pieces.integrator
+    starts = measure.starts_of(log)
+    fit, gates = _paying(search, fit, starts)
+    word = verdict.verdict(fit, gates)
+    if word == "none":
+        fit = search.fitter.fit_of(())
+    proofs = verdict.evidence(search, fit, gates)
+    order = sorted(range(len(proofs)), key=lambda i: -proofs[i].worth)
+    fit = search.fitter.fit_of(tuple(fit.causes[i] for i in order))
+    proofs = [proofs[i] for i in order]
+    before, after, least = measure.errors(search.fitter, fit, starts, noise.trusted(pieces, gates.generic))
+    blind_to = verdict.untestable(search, fit)
+    pairs = [(cause, rival) for cause, proof in zip(fit.causes, proofs) for rival in proof.ambiguous]
+    advice = advise.advise(search, fit, pairs, blind_to)
+    ranked = verdict.ranking(search, fit, proofs)
+    report = {
+        "verdict": word,
+        "effects": _effects(search, fit, proofs, log),
+        "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])
+        + [{"name": str(name), "score": float(score)} for name, score in ranked],
+        "ambiguous_with": {str(c.name): [str(n) for n in proof.ambiguous] for c, proof in zip(fit.causes, proofs) if proof.ambiguous},
+        "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
+        "where": {
+            "channels": where.channels(before, least, log),
+            "segments": where.segments(before, least, log, found.edges),
+            "regions": where.regions(before, least, log, platform.commands(log.u)),
+        },
+        "gap": measure.summary(before, after, least, seed),
+        "not_testable": blind_to,
+        "contributions": _contributions(search, fit, proofs, starts),
+        "unexplained": {
+            "gap_m": gates.after,
+            "of_gap_m": gates.before,
+            "smallest_that_matters_m": gates.smallest,
+            "share": gates.share,
+            "p": gates.p,
+            "matters": bool(gates.fails),
+            "depends_on": [{"on": on, "channel": channel, "share": share} for (on, channel), share in list(gates.generic.depends().items())[:4]],
+        },
+        "noise": {
+            "sp": pieces.noise.sp, "st": pieces.noise.st, "rho_p": pieces.noise.rho_p, "rho_t": pieces.noise.rho_t,
+            "tails_nu": found.nu,
+        },
+        "integrator": integrator.name,
+        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt},
+        "advice": {"drive": advice[0], "words": advice[1], "separation": advice[3]} if advice else None,
+    }  # fmt: skip
+    result = Diagnosis(report, log, pieces, fit, before, after, least, advice)
+    if fresh is not None:
+        _add_fresh(result, platform, integrator, fresh, seed)
+    return result
+
+
+def _add_fresh(result, platform, integrator, fresh, seed):
+    """The same fitted model on another log: only the noise is measured there."""
+    pieces = Pieces(platform, fresh, integrator)
+    pieces.set_noise(noise.third_differences(fresh))
+    noise.estimate(pieces, active(result.fit.causes))
+    sensor = noise.trusted(pieces, features.Generic(pieces, active(result.fit.causes)))
+    starts = measure.starts_of(fresh)
+    parts = [measure.windows(platform, fresh, integrator, causes, starts) for causes in ((), result.fit.causes)]
+    least = measure.floor(sensor, fresh, starts)
+    result.report["fresh"] = {"gap": measure.summary(*parts, least, seed)}
+    result.fresh_log, result.fresh_errors = fresh, (*parts, least)

@@ -1,0 +1,99 @@
+"""From pieces to an explanation: noise, effects, phases, and noise again until all stand still."""
+
+from dataclasses import dataclass
+
+from . import features, noise, phases
+from .fit import Fit, active
+from .search import Search
+
+ROUNDS = 3
+STILL = 0.05  # change of the noise that calls for another round
+SIGNIFICANT = 1e-3
+
+
+@dataclass
+class Explanation:
+    """The best fit, the search that found it, and the rows where the log changes."""
+
+    fit: Fit
+    search: Search
+    edges: list
+    nu: float  # Student's degrees of freedom of the noise
+
+
+def _moved(old, new):
+    size = abs(new.sp / old.sp - 1) + abs(new.st / old.st - 1)
+    return size + abs(new.rho_p - old.rho_p) + abs(new.rho_t - old.rho_t) > STILL
+
+
+def _something_left(pieces, fit):
+    return features.Generic(pieces, active(fit.causes)).significance() < SIGNIFICANT
+
+
+def prune(search, fit):
+    """Takes causes out of a fit with segments while that is worth it."""
+    while len(fit.causes) > 1:
+        fewer = [search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=3) for i in range(len(fit.causes))]
+        best = min(fewer, key=search.worth)
+        if search.worth(best) > search.worth(fit):
+            break
+        fit = best
+    return fit
+
+
+def _phased(pieces, first, without, seed):
+    """(edges, fit with segments or None, its search)."""
+    edges = phases.parts(pieces, first.causes) or phases.parts(pieces)
+    if not edges:
+        return edges, None, None
+    search = Search(pieces, without, seed)
+    search.singles()
+    fit = phases.merge(search, edges, without)
+    for _ in range(2):
+        if fit is None:
+            break
+        before = pieces.noise
+        noise.estimate(pieces, active(fit.causes))
+        search.rebase()
+        fit = prune(search, phases.edge_search(search.fitter, search.fitter.refine(search.fitter.fit_of(fit.causes))))
+        if not _moved(before, pieces.noise):
+            break
+    return edges, fit, search
+
+
+def begin(pieces, without=(), seed=0):
+    """A first noise, and the Search that has tried every effect by itself."""
+    pieces.set_noise(noise.third_differences(pieces.log))
+    noise.estimate(pieces, weigh=False)
+    search = Search(pieces, without, seed)
+    search.singles()
+    return search
+
+
+def explain(search, without=(), seed=0):
+    """The Explanation of a log, from begin(); leaves noise and starts settled in the pieces."""
+    pieces, best = search.pieces, search.best(1)
+    nu = noise.estimate(pieces, active(best.causes))
+    edges, phased = [], None
+    if _something_left(pieces, search.fitter.fit_of(best.causes)):
+        edges, phased, phased_search = _phased(pieces, best, without, seed)
+        if phased and not _something_left(pieces, phased):
+            return Explanation(phased, phased_search, edges, nu)
+    for turn in range(ROUNDS):
+        seeds = [best] + sorted(search.fits.values(), key=search.worth)[:3]
+        search = Search(pieces, without, seed)
+        best = search.run(seeds)
+        before = pieces.noise
+        nu = noise.estimate(pieces, active(best.causes))
+        if not _moved(before, pieces.noise):
+            break
+    search.rebase()
+    best = search.fitter.refine(search.fitter.fit_of(best.causes))
+    if phased:
+        phased = search.fitter.fit_of(phased.causes)
+        if search.worth(phased) < search.worth(best):
+            best = phased
+            nu = noise.estimate(pieces, active(best.causes))
+            search.rebase()
+            best = search.fitter.fit_of(best.causes)
+    return Explanation(best, search, edges, nu)

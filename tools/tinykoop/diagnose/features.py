@@ -1,0 +1,181 @@
+"""A model without physics: velocity errors of the body as generic functions of command, heading, time and place.
+
+It answers what no list of effects can: whether something systematic is left, on what it depends, and
+how large it is. Columns are linear in their coefficients: small errors of velocity, summed along the path.
+"""
+
+import numpy as np
+from scipy import signal, stats
+
+BLOCKS = 6  # of time, for errors that come and go
+CHANNELS = ("longitudinal", "lateral", "heading")
+
+
+def _scaled(values):
+    """To unit RMS; a feature that hardly moves is left out by its zero."""
+    size = np.sqrt(np.mean(values**2))
+    return values / size if size > 1e-9 else np.zeros_like(values)
+
+
+def _after(u, seconds, dt):
+    """What a first-order lag is behind the command."""
+    keep = np.exp(-dt / seconds)
+    state, _ = signal.lfilter([1 - keep], [1, -keep], np.vstack([u[:1], u[:-1]]), axis=0, zi=keep * u[:1])
+    return state - u
+
+
+def functions(u, pose, dt):
+    """{name: (values (K), channels it acts on)}; names group by what the error depends on."""
+    v, w = u.T
+    K = len(u)
+    t = np.linspace(-1, 1, K)
+    one = np.ones(K)
+    v_s, w_s = np.std(v) + np.abs(v).mean() + 1e-9, np.std(w) + np.abs(w).mean() + 1e-9
+    a, b = v / v_s, w / w_s
+    every = (0, 1, 2)
+    table = {"constant": (one, every), "v": (a, every), "omega": (b, every)}
+    table |= {"v omega": (a * b, every), "v^2": (a * np.abs(a), every), "omega^2": (b * np.abs(b), every)}
+    table |= {"|v|": (np.abs(a), every), "|omega|": (np.abs(b), every), "v |omega|": (a * np.abs(b), every)}
+    table |= {"v^3": (a**3, (0, 2)), "omega^3": (b**3, (0, 2)), "v omega^2": (a * b * b, (0, 1)), "v^2 omega": (a * a * b, (1, 2))}
+    for name, c in (("v", a), ("omega", b)):
+        small = np.abs(c) < 0.5 * np.median(np.abs(c)) + 1e-9
+        table[f"small {name}"] = (c * small, (0, 2))
+        table[f"sign of {name}"] = (np.sign(c), (0, 2))
+    for seconds in (2 * dt, 0.3, 1.0):
+        behind = _after(np.stack([a, b], 1), seconds, dt)
+        table[f"change of v, {seconds:.2g} s"] = (behind[:, 0], (0, 2))
+        table[f"change of omega, {seconds:.2g} s"] = (behind[:, 1], every)
+    theta = pose[:, 2]
+    table |= {"heading, sine": (np.sin(theta), every), "heading, cosine": (np.cos(theta), every)}
+    table |= {"time": (t, every), "time v": (t * a, every), "time omega": (t * b, every)}
+    for i in range(BLOCKS - 1):
+        inside = ((t + 1) / 2 * BLOCKS).astype(int) == i
+        table[f"block v {i}"] = (inside * a, (0, 1))
+        table[f"block omega {i}"] = (inside * b, (1, 2))
+    place = pose[:, :2] - pose[:, :2].mean(0)
+    place = place / (place.std() + 1e-9)
+    for axis, name in enumerate("xy"):
+        table[f"place v {name}"] = (place[:, axis] * a, (0, 1))
+        table[f"place omega {name}"] = (place[:, axis] * b, (2,))
+    return table
+
+
+def dependence(name):
+    """The group a feature's name belongs to, for words."""
+    for word in ("change", "heading", "time", "block", "place", "small", "sign"):
+        if name.startswith(word):
+            return {"block": "time", "small": "small commands", "sign": "sign of the command", "change": "changes of the command"}.get(word, word)
+    return name
+
+
+def integrate(pieces, values, channels):
+    """Residuals (C, S, L, 3) that a velocity error values[k] (m/s, rad/s) in each of `channels` makes."""
+    rows, dt = pieces.rows, pieces.log.dt
+    x0 = pieces.start_pose
+    heading = pieces.log.x[rows][..., 2] - x0[:, None, 2]
+    # in the start's axes: the way already gone, by measurement
+    across, along = -pieces.turns[..., 0, 2], pieces.turns[..., 1, 2]
+    step = values[rows] * dt * pieces.inside
+    step[:, -1] = 0
+    c, s = np.cos(heading), np.sin(heading)
+    out = np.zeros((len(channels), *rows.shape, 3))
+
+    def summed(increments):
+        total = np.zeros_like(increments)
+        np.cumsum(increments[:, :-1], axis=1, out=total[:, 1:])
+        return total
+
+    for i, channel in enumerate(channels):
+        if channel == 0:
+            out[i, ..., 0], out[i, ..., 1] = summed(step * c), summed(step * s)
+        elif channel == 1:
+            out[i, ..., 0], out[i, ..., 1] = summed(-step * s), summed(step * c)
+        else:
+            turn = summed(step)
+            d_along, d_across = np.diff(along, axis=1, append=along[:, -1:]), np.diff(across, axis=1, append=across[:, -1:])
+            middle = turn + 0.5 * step
+            out[i, ..., 0], out[i, ..., 1] = summed(-middle * d_across), summed(middle * d_along)
+            out[i, ..., 2] = turn
+    out[..., ~pieces.inside, :] = 0
+    return out
+
+
+def raw_columns(pieces):
+    """Names [(feature, channel)] and columns (F, S, L, 3), not whitened."""
+    names, stack = [], []
+    u = pieces.platform.commands(pieces.log.u)
+    for name, (values, channels) in functions(u, pieces.log.x, pieces.log.dt).items():
+        values = _scaled(values)
+        if values.any():
+            stack.append(integrate(pieces, values, channels))
+            names.extend((name, channel) for channel in channels)
+    return names, np.concatenate(stack)
+
+
+class _Basis:
+    """The generic model's columns in pieces as they are now: raw (F, S, L, 3), and white orthonormal (n, F')."""
+
+    def __init__(self, pieces):
+        self.names, self.raw = raw_columns(pieces)
+        F = pieces.whiten(self.raw).reshape(len(self.raw), -1)
+        size = np.linalg.norm(F, axis=1)
+        keep = size > 1e-9 * size.max()
+        values, vectors = np.linalg.eigh((F[keep] / size[keep, None]) @ (F[keep] / size[keep, None]).T)
+        good = values > 1e-9 * values[-1]
+        self.spread = np.zeros((len(F), good.sum()))  # coefficients from white amplitudes
+        self.spread[keep] = vectors[:, good] / np.sqrt(values[good]) / size[keep, None]
+        self.white = self.spread.T @ F
+
+
+class Generic:
+    """The generic model fitted to what `active` leaves of the pieces.
+
+    left, part (S, L, 3): residuals without, and explained by it; cost: sum of squares that remains, whitened;
+    gain, count: what its columns take away, and how many they are.
+    """
+
+    def __init__(self, pieces, active=()):
+        if pieces.generic is None:
+            pieces.generic = _Basis(pieces)
+        basis = pieces.generic
+        self.names, self.raw, self._spread = basis.names, basis.raw, basis.spread
+        r = pieces.residual(active)
+        w = pieces.whiten(r).ravel()
+        amplitudes = basis.white @ w
+        self.coefficients = basis.spread @ amplitudes
+        self.part = np.tensordot(self.coefficients, self.raw, 1)
+        self.left = r - self.part
+        self.gain, self.count = float(amplitudes @ amplitudes), len(amplitudes)
+        self.cost = float(w @ w) - self.gain
+        self.free = pieces.degrees - self.count
+        self._inside = pieces.inside
+
+    @property
+    def scale(self):
+        """Variance that is left per degree of freedom: 1 if the noise is known well."""
+        return self.cost / self.free
+
+    def significance(self):
+        """Probability of such a gain if nothing but noise is left."""
+        return float(stats.f.sf(self.gain / self.count / self.scale, self.count, self.free))
+
+    def gap(self, H):
+        """RMS position error (m) after H rows that the generic model finds, without what noise feigns."""
+        H = min(H, self.raw.shape[2] - 1)
+        at = self._inside[:, H]
+        if not at.any():
+            return 0.0
+        position = self.raw[:, at, H, :2]
+        found = np.tensordot(self.coefficients, position, 1)
+        feigned = self.scale * (np.tensordot(self._spread.T, position, 1) ** 2).sum(0)
+        return float(np.sqrt(max((found**2 - feigned).sum(-1).mean(), 0)))
+
+    def depends(self):
+        """{what the rest depends on: share of it}, by what each group of features takes by itself."""
+        share = {}
+        for (name, channel), c, raw in zip(self.names, self.coefficients, self.raw):
+            group = dependence(name), CHANNELS[channel]
+            share[group] = share.get(group, 0) + c * raw[..., :2]
+        size = {group: float((part**2).sum()) for group, part in share.items()}
+        total = sum(size.values()) or 1.0
+        return {group: s / total for group, s in sorted(size.items(), key=lambda item: -item[1])}

@@ -1,0 +1,212 @@
+"""Effects with parameters, fitted to the pieces of a log.
+
+Parameters are counted in their usual values. A scan finds where to begin, since thresholds have no
+gradient at zero; damped Gauss-Newton steps and, for what has no gradient at all, a pattern search follow.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..sim import Effect
+
+RAY = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)  # all parameters of an effect together
+COORDINATE = (0.0, 0.25, 0.5, 0.75, 1.4, 2.0, 4.0)  # then each by itself
+PATTERN = (0.5, 0.2, 0.08, 0.03, 0.01)
+ALWAYS = ((-np.inf, np.inf),)
+MANY, GUESS = 3, 0.5  # effects of so many parameters are curves: each is guessed at its usual value, give or take half
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect with its parameters and the times when it acts, s from the first row."""
+
+    name: str
+    params: tuple
+    segments: tuple = ALWAYS
+
+    def active(self):
+        """As the simulator takes it."""
+        return [Effect(self.name, self.params, max(t0, 0.0), t1) for t0, t1 in self.segments]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Causes that explain a log as well as they can; cost is the sum of squares of what is left, whitened."""
+
+    causes: tuple
+    cost: float
+    left: np.ndarray = field(repr=False, compare=False)  # (n) whitened
+
+    @property
+    def names(self):
+        return tuple(cause.name for cause in self.causes)
+
+
+def active(causes):
+    """All causes as the simulator takes them."""
+    return [effect for cause in causes for effect in cause.active()]
+
+
+class Fitter:
+    """Fits causes to pieces. evaluations counts the predictions of the whole log that were made."""
+
+    def __init__(self, pieces, without=()):
+        self.pieces = pieces
+        self.effects = {name: spec for name, spec in pieces.platform.effects().items() if name not in without}
+        self.evaluations = 0
+
+    def left(self, causes):
+        """Whitened residual (n); what the simulator refuses is infinitely bad."""
+        self.evaluations += 1
+        return self.pieces.whiten(self.pieces.residual(active(causes))).ravel()
+
+    def fit_of(self, causes):
+        """The Fit at the given parameters."""
+        left = self.left(causes)
+        return Fit(tuple(causes), float(left @ left), left)
+
+    # ---- parameters as a vector, in usual values ------------------------------
+
+    def scale(self, cause):
+        """Usual size of each parameter."""
+        return np.array([abs(p.usual) or 1.0 for p in self.effects[cause.name][1]])
+
+    def bounds(self, cause):
+        """Lowest and highest, in usual values."""
+        spec, scale = self.effects[cause.name][1], self.scale(cause)
+        return np.array([p.low for p in spec]) / scale, np.array([p.high for p in spec]) / scale
+
+    def at(self, cause, z):
+        """The cause with parameters z, in usual values, brought inside the bounds."""
+        low, high = self.bounds(cause)
+        return replace(cause, params=tuple(float(value) for value in np.clip(z, low, high) * self.scale(cause)))
+
+    def vector(self, causes):
+        """Parameters of all causes, in usual values."""
+        return np.concatenate([np.array(c.params) / self.scale(c) for c in causes])
+
+    def split(self, causes, z):
+        """Causes with the parameters of one vector."""
+        out, i = [], 0
+        for cause in causes:
+            out.append(self.at(cause, z[i : i + len(cause.params)]))
+            i += len(cause.params)
+        return tuple(out)
+
+    def jacobian(self, fit, step=1e-3):
+        """d left / d parameter, in usual values, (n, p); inwards at bounds."""
+        z = self.vector(fit.causes)
+        high = np.concatenate([self.bounds(c)[1] for c in fit.causes])
+        J = np.empty((len(fit.left), len(z)))
+        for i in range(len(z)):
+            h = step if z[i] + step <= high[i] else -step
+            moved = z.copy()
+            moved[i] += h
+            J[:, i] = (self.left(self.split(fit.causes, moved)) - fit.left) / h
+        return J
+
+    def guess(self, causes):
+        """Weights (p) of the guess that a parameter of a curve has its usual value: cost per square, in usual values."""
+        many = [np.full(len(c.params), float(len(c.params) >= MANY)) for c in causes]
+        return np.concatenate(many) / GUESS**2
+
+    def objective(self, fit):
+        """What refine() makes small: the cost and what the guesses are worth."""
+        return fit.cost + float(self.guess(fit.causes) @ (self.vector(fit.causes) - 1) ** 2) if fit.causes else fit.cost
+
+    # ---- fitting ---------------------------------------------------------------
+
+    def refine(self, fit, steps=8):
+        """Damped Gauss-Newton from where `fit` is, then a pattern search for what has no gradient."""
+        if not fit.causes:
+            return fit
+        damping = 1e-3
+        low = np.concatenate([self.bounds(c)[0] for c in fit.causes])
+        high = np.concatenate([self.bounds(c)[1] for c in fit.causes])
+        for _ in range(steps):
+            J = self.jacobian(fit)
+            z, guess = self.vector(fit.causes), self.guess(fit.causes)
+            gram, slope = J.T @ J + np.diag(guess), J.T @ fit.left + guess * (z - 1)
+            held = ((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < 1e-9)
+            free = ~held
+            if not free.any():
+                break
+            before = self.objective(fit)
+            for _ in range(4):
+                A = gram[np.ix_(free, free)]
+                move = np.zeros_like(z)
+                move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
+                move = np.clip(move, -np.maximum(1.0, np.abs(z)), np.maximum(1.0, np.abs(z)))
+                trial = self.fit_of(self.split(fit.causes, z + move))
+                if self.objective(trial) < before:
+                    fit, damping = trial, damping / 5
+                    break
+                damping *= 8
+            if before - self.objective(fit) < max(1e-4 * before, 0.02):
+                break
+        return self.pattern(fit) if self._rough(fit) else fit
+
+    def _rough(self, fit):
+        return any(len(c.params) > 1 or np.any(np.abs(self.jacobian(replace(fit, causes=(c,)))).sum(0) < 1e-9) for c in fit.causes)
+
+    def pattern(self, fit, sizes=PATTERN):
+        """Tries every parameter a little larger and smaller, in ever smaller steps."""
+        for size in sizes:
+            for i, z in enumerate(self.vector(fit.causes)):
+                for factor in (1 + size, 1 / (1 + size)):
+                    moved = self.vector(fit.causes)
+                    moved[i] = moved[i] * factor
+                    trial = self.fit_of(self.split(fit.causes, moved))
+                    if self.objective(trial) < self.objective(fit) - 1e-9:
+                        fit = trial
+        return fit
+
+    def restart(self, fit):
+        """Begins curves again at their usual values: they have more than one hollow."""
+        for i, cause in enumerate(fit.causes):
+            if len(cause.params) >= MANY:
+                usual = self.at(cause, np.ones(len(cause.params)))
+                trial = self.refine(self.fit_of((*fit.causes[:i], usual, *fit.causes[i + 1 :])), steps=15)
+                fit = min(fit, trial, key=self.objective)
+        return fit
+
+    def rays(self, name):
+        """Vectors to begin a scan with, in usual values."""
+        cause = Cause(name, (0.0,) * len(self.effects[name][1]))
+        usual = np.array([np.sign(p.usual) or 1.0 for p in self.effects[name][1]])
+        low, _ = self.bounds(cause)
+        signs = (1, -1) if np.any(low < 0) else (1,)
+        seen = []
+        for s in (sign * r for sign in signs for r in RAY):
+            z = np.clip(s * usual, *self.bounds(cause))
+            if not any(np.array_equal(z, other) for other in seen):
+                seen.append(z)
+        return cause, seen
+
+    def scan(self, name, base, segments=ALWAYS):
+        """The best of the rays of one effect on top of `base`, not refined; and all (causes, left) seen."""
+        cause, starts = self.rays(name)
+        cause = replace(cause, segments=segments)
+        seen = [self.fit_of((*base.causes, self.at(cause, z))) for z in starts]
+        return min(seen, key=lambda fit: fit.cost), seen
+
+    def coordinates(self, fit):
+        """Scans every parameter of the last cause by itself."""
+        cause, rest = fit.causes[-1], fit.causes[:-1]
+        if len(cause.params) == 1:
+            return fit
+        low, _ = self.bounds(cause)
+        for i in range(len(cause.params)):
+            for factor in (*COORDINATE, *((-1.0,) if low[i] < 0 else ())):
+                z = self.vector((fit.causes[-1],))
+                z[i] = z[i] * factor if z[i] else factor
+                trial = self.fit_of((*rest, self.at(cause, z)))
+                if trial.cost < fit.cost:
+                    fit = trial
+        return fit
+
+    def add(self, name, base, segments=ALWAYS):
+        """The best fit of `base` and one more effect."""
+        best, seen = self.scan(name, base, segments)
+        return self.refine(self.coordinates(best)), seen

@@ -1,0 +1,69 @@
+"""What the diagnoser must know of a robot: its nominal model, the effects that may act on it, drives to advise.
+
+Everything else in this package works on poses and on what a Platform predicts. A robot of one's
+own is a subclass: docs/diagnose.md shows one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import sim
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect: refused outside low..high; `usual` is that of a robot that has the effect."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    usual: float
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """One way to turn the nominal velocities into a pose; a choice without a parameter."""
+
+    name: str
+    code: int
+    skid: float  # lateral_skid, in steps of time, that it looks like beside the first one
+
+
+class Ddr:
+    """The differential-drive robot of host_sim/: pose (px, py, theta), commands (v, omega)."""
+
+    name = "ddr"
+    # A real robot moves in continuous time: where nothing speaks against it, that is assumed.
+    integrators = (
+        Integrator("exact arc", sim.ARC, 0.0),
+        Integrator("Euler steps", sim.EULER, -0.5),
+        Integrator("semi-implicit Euler steps", sim.SEMI_IMPLICIT, 0.5),
+    )
+    command_names = ("v", "omega")
+    # Noise is measured, not fitted: windows() cannot undo it at the start of a piece.
+    not_fitted = ("measurement_noise",)
+
+    def effects(self):
+        """{name: (block, (Parameter, ..))} in the order of action."""
+        return {
+            name: (block, tuple(Parameter(*row) for row in rows))
+            for name, (block, rows) in sim.effects().items()
+            if name not in self.not_fitted
+        }
+
+    def commands(self, u):
+        """Speed (m/s) and yaw rate (rad/s) that the nominal model makes of the log's commands u (K, 2)."""
+        return np.asarray(u, float)
+
+    def windows(self, x, u, dt, starts, steps, active, usable, integrator):
+        """As sim.windows()."""
+        return sim.windows(x, self.commands(u), dt, starts, steps, active, usable, integrator.code)
+
+    def simulate(self, u, dt, active, integrator):
+        """Poses (K + 1, 3) of a drive from (0, 0, 0)."""
+        return sim.simulate(self.commands(u), dt, active=active, integrator=integrator.code)
+
+
+PLATFORMS = {"ddr": Ddr}

@@ -1,0 +1,147 @@
+"""Which effects: forward, backward, swap and the likeliest pairs, judged by what each one is worth.
+
+An effect is taken in when it pays more than the best of the whole library would on noise alone.
+"""
+
+import numpy as np
+
+from .fit import Fit, Fitter
+
+MOST = 4  # effects in one explanation
+REFINED = 4  # candidates of a scan that are fitted in full
+PAIRS = 4  # pairs that are fitted in full
+DRAWS = 400
+FALSE_ALARMS = 0.005
+
+
+def price(directions, degrees, seed):
+    """What the best of a scan gains on white noise, but for one log in 1 / FALSE_ALARMS.
+
+    directions (n, D): what each step of the scan changed, whitened.
+    """
+    size = np.linalg.norm(directions, axis=0)
+    D = directions[:, size > 1e-9] / size[size > 1e-9]
+    # the columns span few dimensions: draw there
+    values, vectors = np.linalg.eigh(D.T @ D)
+    keep = values > 1e-9 * values[-1]
+    root = vectors[:, keep] * np.sqrt(values[keep])
+    gains = (root @ np.random.default_rng(seed).normal(size=(keep.sum(), DRAWS))) ** 2
+    return float(np.quantile(gains.max(0), 1 - FALSE_ALARMS))
+
+
+class Search:
+    """The search on one set of pieces; `fits` keeps the best fit seen for every set of names."""
+
+    def __init__(self, pieces, without=(), seed=0):
+        self.fitter = Fitter(pieces, without)
+        self.pieces, self.seed = pieces, seed
+        self.fits = {}
+        self.base = self.keep(self.fitter.fit_of(()))
+
+    def rebase(self):
+        """Forgets costs after the noise has changed; the price of an effect stays."""
+        self.fits = {}
+        self.base = self.keep(self.fitter.fit_of(()))
+
+    def keep(self, fit):
+        """Remembers a fit; returns the best one of its set."""
+        key = frozenset(fit.names)
+        if key not in self.fits or fit.cost < self.fits[key].cost:
+            self.fits[key] = fit
+        return self.fits[key]
+
+    def singles(self):
+        """Every effect by itself; sets the price of an effect."""
+        self.seen = {}
+        for name in self.fitter.effects:
+            fit, seen = self.fitter.add(name, self.base)
+            self.keep(fit)
+            self.seen[name] = [s.left - self.base.left for s in (*seen, fit)]
+        directions = np.stack([g for group in self.seen.values() for g in group], 1)
+        self.price = price(directions, self.pieces.degrees, self.seed)
+        return self.best(1)
+
+    def worth(self, fit):
+        """Cost with the price of its effects: a further parameter costs what it gains on noise."""
+        parameters = sum(len(c.params) - 1 for c in fit.causes)
+        switches = sum(np.isfinite(s).sum() for c in fit.causes for s in c.segments)
+        return fit.cost + self.price * len(fit.causes) + 2.0 * parameters + 0.5 * self.price * switches
+
+    def best(self, count=None):
+        """The best fit of `count` effects, or of all."""
+        return min((f for k, f in self.fits.items() if count is None or len(k) == count), key=self.worth)
+
+    def pairs(self):
+        """Pairs that explain the log together, by their linear parts; fits the likeliest in full."""
+        names = [n for n in self.seen for _ in self.seen[n]]
+        G = np.stack([g for group in self.seen.values() for g in group], 1)
+        size = np.linalg.norm(G, axis=0)
+        ok = size > 1e-6
+        names, G = np.array(names)[ok], G[:, ok] / size[ok]
+        c, gram = -(G.T @ self.base.left), G.T @ G
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = (c[:, None] ** 2 + c[None] ** 2 - 2 * gram * np.outer(c, c)) / (1 - gram**2)
+        gain[~(gram**2 < 0.999)] = 0
+        order = {}
+        for i, j in zip(*np.unravel_index(np.argsort(-gain, axis=None)[:4000], gain.shape)):
+            key = frozenset((names[i], names[j]))
+            if len(key) == 2 and key not in order:
+                order[key] = gain[i, j]
+        for key in list(order)[:PAIRS]:
+            first = min(key, key=lambda name: self.fits[frozenset([name])].cost)
+            (second,) = key - {first}
+            self.extend(self.fits[frozenset([first])], [second])
+
+    def extend(self, fit, names):
+        """Fits `fit` with each of `names` on top; returns the best."""
+        out = [self.keep(self.fitter.add(name, fit)[0]) for name in names]
+        return min(out, key=lambda f: f.cost) if out else None
+
+    def likely(self, fit, count=REFINED):
+        """Effects that promise most on top of `fit`, by a scan without refitting."""
+        rest = [name for name in self.fitter.effects if name not in fit.names]
+        return sorted(rest, key=lambda name: self.fitter.scan(name, fit)[0].cost)[:count]
+
+    def reduce(self, fit):
+        """Takes out what does not pay."""
+        while len(fit.causes) > 1:
+            fewer = [self.drop(fit, name) for name in fit.names]
+            best = min(fewer, key=self.worth)
+            if self.worth(best) > self.worth(fit):
+                break
+            fit = best
+        return fit
+
+    def drop(self, fit, name):
+        """The best fit without `name`."""
+        key = frozenset(fit.names) - {name}
+        if key not in self.fits:
+            rest = tuple(c for c in fit.causes if c.name != name)
+            self.keep(self.fitter.refine(self.fitter.fit_of(rest)))
+        return self.fits[key]
+
+    def swap(self, fit):
+        """Tries others in the place of each effect."""
+        for name in fit.names:
+            rest = self.drop(fit, name)
+            others = [n for n in self.likely(rest, 2) if n not in fit.names]
+            better = self.extend(rest, others)
+            if better and self.worth(better) < self.worth(fit):
+                return better
+        return fit
+
+    def run(self, seeds=(), most=MOST):
+        """The explanation that is worth most; begins also from fits `seeds` found on other terms."""
+        self.singles()
+        for seed in seeds:
+            self.keep(self.fitter.refine(self.fitter.fit_of(seed.causes), steps=3))
+        fit = self.best()
+        while fit.causes and len(fit.causes) < most:
+            if len(fit.causes) == 1:
+                self.pairs()
+            self.extend(fit, self.likely(fit))
+            better = self.swap(self.reduce(self.best()))
+            if self.worth(better) >= self.worth(fit) - 1e-9:
+                break
+            fit = better
+        return self.reduce(self.best())

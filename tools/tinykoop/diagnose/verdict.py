@@ -1,0 +1,153 @@
+"""From fits to an answer: none, known or unknown; how sure; and what the log cannot tell.
+
+The cause is never inferred from the improvement alone: what an explanation leaves is tested against
+generic errors (features.py), which know nothing of effects.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .features import Generic
+from .fit import Fit, active
+
+SMALLEST_WAY = 0.002  # a gap below this share of the way driven does not matter,
+SMALLEST_NOISE = 0.5  # nor one below this share of the noise of a position
+SIGNIFICANT = 1e-3
+UNEXPLAINED = 0.1  # of the gap may be left and the effects still be called its explanation
+ALIAS = 0.9  # of an effect's worth that another takes over: they may be the same
+RIVALS = 5  # that are fitted in full
+TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
+
+
+@dataclass(frozen=True)
+class Gate:
+    """What generic errors find, H rows ahead, at the nominal model and in what the causes leave."""
+
+    generic: Generic
+    before: float  # m, without noise
+    after: float
+    smallest: float  # m
+
+    @property
+    def p(self):
+        return self.generic.significance()
+
+    @property
+    def share(self):
+        """Of the gap that no effect explains."""
+        return min(self.after / self.before, 1.0) if self.before > 0 else 0.0
+
+    @property
+    def fails(self):
+        """Something systematic is left that matters."""
+        return self.after > self.smallest and self.p < SIGNIFICANT
+
+
+def gate(pieces, causes, horizon=50):
+    """Tests an explanation."""
+    horizon = min(horizon, pieces.L - 1)
+    before, after = Generic(pieces), Generic(pieces, active(causes))
+    way = np.hypot(*np.diff(pieces.log.x[:, :2], axis=0)[pieces.log.usable].T).mean() * horizon
+    smallest = max(SMALLEST_WAY * way, SMALLEST_NOISE * pieces.noise.sp)
+    return Gate(after, before.gap(horizon), after.gap(horizon), smallest)
+
+
+def verdict(fit, gates):
+    """The word of the contract."""
+    if gates.before < gates.smallest:
+        return "none"
+    if gates.fails and (gates.share > UNEXPLAINED or not fit.causes):
+        return "unknown"
+    return "known" if fit.causes else "none"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for one cause of a fit."""
+
+    worth: float  # rise of the cost without it, everything else fitted again
+    absorbed: dict  # {rival: share of that worth it takes over}
+    behind: dict  # {rival: how much worse the fit is with it instead}
+    ambiguous: tuple
+    confidence: float
+    without: Fit = field(repr=False)
+
+
+def evidence(search, fit, gates):
+    """[Evidence] for every cause: what happens without it and with each other effect in its place."""
+    fitter, out = search.fitter, []
+    for i, cause in enumerate(fit.causes):
+        rest = fitter.refine(fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=5)
+        worth = rest.cost - fit.cost
+        scans = {name: fitter.scan(name, rest, cause.segments)[0] for name in fitter.effects if name not in fit.names}
+        fits = {}
+        for name in sorted(scans, key=lambda name: scans[name].cost)[:RIVALS]:
+            fits[name] = fitter.refine(fitter.coordinates(scans[name]))
+        cost = {name: min(scan.cost, rest.cost) for name, scan in scans.items()} | {n: f.cost for n, f in fits.items()}
+        absorbed = {name: float(np.clip((rest.cost - c) / max(worth, 1e-9), 0, 1)) for name, c in cost.items()}
+        behind = {name: c - fit.cost for name, c in cost.items()}
+        ambiguous = [n for n in fits if _alike(search, fit, fits[n], absorbed[n], behind[n], gates)]
+        ambiguous += [n for n in _pair(search, rest, fit, fits, worth) if n not in ambiguous]
+        rivals = [d for name, d in behind.items() if name not in ambiguous] + [worth]
+        out.append(Evidence(worth, absorbed, behind, tuple(ambiguous), _confidence(rivals, fit, gates), rest))
+    return out
+
+
+def _alike(search, fit, rival, absorbed, behind, gates):
+    """Whether the log leaves it open which of the two it is."""
+    if absorbed < 0.5:
+        return False
+    if behind < search.price:
+        return True
+    if absorbed < ALIAS:
+        return False
+    left = gate(search.pieces, rival.causes).after
+    return left < max(gates.smallest, 2 * gates.after)
+
+
+def _pair(search, rest, fit, fits, worth):
+    """Two effects that together do the same, as equal gains on both axes do for a clock."""
+    names = sorted(fits, key=lambda n: fits[n].cost)[:2]
+    if len(names) < 2:
+        return []
+    both = search.fitter.add(names[1], fits[names[0]])[0]
+    if both.cost - fit.cost < search.price and min(rest.cost - fits[n].cost for n in names) > 0.05 * worth:
+        return names
+    return []
+
+
+def _confidence(rivals, fit, gates):
+    """Probability that the cause is right: against its rivals, less what nothing explains."""
+    heat = 2 * max(1.0, gates.generic.scale) * (1 + 50 * gates.share)
+    odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in rivals)
+    sure = 1 / (1 + odds)
+    return float(sure * (1 - min(gates.share, 1.0)) * (0.8 if gates.fails else 1.0))
+
+
+def untestable(search, fit):
+    """Effects that would not show in this log at their usual size, beside those that were found."""
+    fitter, out = search.fitter, []
+    J = fitter.jacobian(fit) if fit.causes else np.zeros((len(fit.left), 0))
+    q = np.linalg.qr(J)[0] if J.shape[1] else J
+    for name, (_, parameters) in fitter.effects.items():
+        if name in fit.names:
+            continue
+        cause, _ = fitter.rays(name)
+        g = fitter.left((*fit.causes, replace(cause, params=tuple(p.usual for p in parameters)))) - fit.left
+        g = g - q @ (q.T @ g)
+        if g @ g < TESTABLE * search.price:
+            out.append(name)
+    return out
+
+
+def ranking(search, fit, proofs):
+    """[(name, score)]: the causes by their worth, then the others by how much of a cause's worth they would take."""
+    whole = max(search.base.cost - min(fit.cost, search.base.cost), 1e-9)
+    score = {c.name: 1 + proof.worth / whole for c, proof in zip(fit.causes, proofs)}
+    for name in search.fitter.effects:
+        if name not in score:
+            alone = search.fits.get(frozenset([name]))
+            gain = (search.base.cost - alone.cost) / whole if alone and not fit.causes else 0
+            score[name] = max([gain, *(proof.absorbed.get(name, 0) * proof.worth / whole for proof in proofs)])
+    return sorted(score.items(), key=lambda item: -item[1])

@@ -1,0 +1,537 @@
+"""Every sentence that people read, on the page and on the terminal: from the report to plain English."""
+
+import math
+
+from .. import results
+from .noise import LIGHT
+
+SURE = 0.9  # a confidence below is said beside the verdict
+COLOURED = 0.95  # noise that remembers as much is hard to tell from slow errors
+WELL_MEANT = 0.1  # standard deviations per row, below which a drive separates nothing
+MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
+
+
+# ---- numbers -------------------------------------------------------------------------------------
+
+
+def real(value):
+    """A float; NaN for a null of the report."""
+    return math.nan if value is None else float(value)
+
+
+def length(metres):
+    """0.45 m, 15 mm."""
+    metres = real(metres)
+    if not math.isfinite(metres):
+        return "-"
+    return f"{_plain(1000 * metres)} mm" if abs(metres) < 0.0995 else f"{_plain(metres)} m"
+
+
+def angle(radians):
+    """In degrees."""
+    radians = real(radians)
+    return f"{_plain(math.degrees(radians))} deg" if math.isfinite(radians) else "-"
+
+
+def _plain(value, digits=2):
+    """Rounded to some digits, without an exponent where one reads no better."""
+    if not math.isfinite(value):
+        return "-"
+    value = float(f"{value:.{digits}g}")
+    places = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
+    return f"{value:.{max(places, 0)}f}" if places < 7 else f"{value:.{digits}g}"
+
+
+def percent(part):
+    """Never 100 % for what was measured, nor 0."""
+    part = real(part)
+    if not math.isfinite(part):
+        return "-"
+    if part >= 0.995:
+        return "over 99 %"
+    return f"{100 * part:.0f} %" if abs(part) >= 0.005 else "under 1 %"
+
+
+def quantity(value, unit, places=None):
+    """A number with its unit; share and factor have none. places: decimals, else three digits."""
+    number = _plain(real(value), 3) if places is None else f"{real(value):.{places}f}"
+    return number + ("" if unit == "1" else f" {unit}")
+
+
+def _places(value, low, high):
+    """Decimals that show two digits of an interval's width, but no more than five of the value."""
+    width = high - low
+    if not width > 0:
+        return None
+    size = max(abs(value), abs(low), abs(high))
+    return max(0, min(1 - math.floor(math.log10(width)), 4 - math.floor(math.log10(size))))
+
+
+def _limits_of(effect, name):
+    """95 % interval of a parameter; NaN where it has none."""
+    return [real(b) for b in effect["params_ci95"].get(name) or (math.nan, math.nan)]
+
+
+def seconds(time):
+    """A time in the log; tenths below a hundred."""
+    return f"{_plain(real(time), 3)} s"
+
+
+def span(start, end):
+    """30 to 70 s."""
+    return f"{seconds(start)[:-2]} to {seconds(end)}"
+
+
+def listed(items, last="and"):
+    """a, b and c."""
+    items = list(items)
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
+
+
+def title(name):
+    """The name of an effect as people write it."""
+    return str(name).replace("_", " ")
+
+
+def capital(text):
+    return text[:1].upper() + text[1:]
+
+
+# ---- effects -------------------------------------------------------------------------------------
+
+
+def _percent_of(share):
+    return f"{_plain(abs(100 * real(share)))} %"
+
+
+def _signed(value, above, below):
+    return above if real(value) > 0 else below
+
+
+def _limits(p):
+    cut = [f"{verb} faster than {quantity(p[key], unit)}" for key, unit, verb in (("v_max", "m/s", "drive"), ("w_max", "rad/s", "turn")) if p[key]]
+    return f"the robot cannot {listed(cut, 'nor')}" if cut else "speed and turning are cut at a limit"
+
+
+def _offset(p):
+    ahead = f"{length(abs(p['lx']))} {_signed(p['lx'], 'ahead of', 'behind')}"
+    return f"the position is measured {ahead} and {length(abs(p['ly']))} to the {_signed(p['ly'], 'left', 'right')} of the robot's centre"
+
+
+PHRASES = {
+    "speed_gain": lambda p: f"the robot drives {_percent_of(p['a'])} {_signed(p['a'], 'faster', 'slower')} than commanded",
+    "yaw_gain": lambda p: f"the robot turns {_percent_of(p['b'])} {_signed(p['b'], 'faster', 'slower')} than commanded",
+    "wheel_asymmetry": lambda p: (
+        f"driving straight turns the robot {_signed(p['c'], 'left', 'right')} by {angle(abs(p['c']))} per metre"
+    ),
+    "yaw_bias": lambda p: f"the robot turns {_signed(p['d'], 'left', 'right')} by itself, by {angle(abs(p['d']))} per second",
+    "actuator_lag": lambda p: f"speed and turning follow their commands sluggishly, with a time constant of {quantity(p['tau'], 's')}",
+    "transport_delay": lambda p: f"commands act {quantity(p['delay'], 's')} late",
+    "dead_band": lambda p: f"commands below {quantity(p['v_db'], 'm/s')} and {quantity(p['w_db'], 'rad/s')} do nothing",
+    "saturation": _limits,
+    "backlash": lambda p: f"play of {quantity(p['half_width'], 'rad/s')} to either side holds the yaw rate back at every reversal",
+    "battery_sag": lambda p: f"the robot gets slower over the log, by {_percent_of(p['loss_at_end'])} at the end",
+    "clock_scale": lambda p: f"a logged second lasts {quantity(1 + real(p['kappa']), 's')}",
+    "pacejka_slip": lambda p: f"the wheels slip in fast bends (peak D = {quantity(p['D'], '1')}, sideways {quantity(p['lat'], '1')})",
+    "lateral_skid": lambda p: (
+        f"in bends the robot slides {_signed(p['k'], 'inwards', 'outwards')}, at {quantity(abs(p['k']), 's')} times v omega"
+    ),
+    "stribeck_friction": lambda p: (
+        f"friction takes {_percent_of(p['Fs'])} of the speed near standstill and {_percent_of(p['Fc'])} and more in motion"
+    ),
+    "world_drift": lambda p: (
+        f"something carries the robot along, at {quantity(p['wx'], 'm/s')} in x and {quantity(p['wy'], 'm/s')} in y"
+    ),
+    "sensor_lever_arm": _offset,
+    "heading_bias": lambda p: f"the heading is measured {angle(abs(p['delta']))} too far {_signed(p['delta'], 'left', 'right')}",
+}  # fmt: skip
+
+
+def phrase(effect):
+    """What an effect of the report does, in plain words; name and parameters of one that has no phrase here."""
+    try:
+        return PHRASES[effect["name"]](effect["params"])
+    except (KeyError, TypeError):
+        units = effect.get("units", {})
+        values = (f"{name} = {quantity(value, units.get(name, '1'))}" for name, value in effect["params"].items())
+        return f"{title(effect['name'])} acts ({', '.join(values)})"
+
+
+def acts(effect, report):
+    """When an effect acts: "whole log", or its segments."""
+    end = real(report["log"]["seconds"])
+    spans = [[real(t) for t in span] for span in effect["segments"]]
+    if not spans or (spans[0][0] <= 0 and spans[-1][1] >= end * 0.999 and len(spans) == 1):
+        return "whole log"
+    return listed(span(a, b) for a, b in spans)
+
+
+def marks(effect, name):
+    """What must be said beside a parameter: at its bound, or left open by the log."""
+    said = []
+    if name in effect.get("at_bound", ()):
+        said.append("at the edge of its range")
+    bounds = _limits_of(effect, name)
+    if not all(map(math.isfinite, bounds)) or bounds[1] - bounds[0] > abs(real(effect["params"][name])):
+        said.append("left open")
+    return said
+
+
+def parameters(effect):
+    """[(name, value with unit, interval, marks)] of an effect."""
+    out = []
+    for name, value in effect["params"].items():
+        unit = effect.get("units", {}).get(name, "1")
+        low, high = _limits_of(effect, name)
+        if math.isfinite(low + high):
+            places = _places(real(value), low, high)
+            shown = quantity(value, unit, places), "[{}, {}]".format(*(quantity(b, "1", places) for b in (low, high)))
+        else:
+            shown = quantity(value, unit), "no interval"
+        out.append((name, *shown, marks(effect, name)))
+    return out
+
+
+def rivals(report, name):
+    """Effects that this one may as well be, each once."""
+    return [title(rival) for rival in dict.fromkeys(report["ambiguous_with"].get(name, ()))]
+
+
+# ---- verdict -------------------------------------------------------------------------------------
+
+
+def horizon(gap):
+    """The longest horizon of a `gap` that could be measured; None without any."""
+    measured = [key for key, value in gap["before"].items() if math.isfinite(real(value))]
+    return max(measured, key=int) if measured else None
+
+
+def steps(key, report):
+    """50 steps = 2.5 s."""
+    return f"{key} step{'s' if int(key) > 1 else ''} = {int(key) * real(report['log']['dt']):.3g} s"
+
+
+def ahead(key, report):
+    """50 steps = 2.5 s ahead."""
+    return f"{steps(key, report)} ahead"
+
+
+def _named(effect, report):
+    """Phrase, name, rivals and times of one effect."""
+    also = rivals(report, effect["name"])
+    name = title(effect["name"]) + (f", or {listed(also, 'or')}: this log cannot tell" if also else "")
+    when = acts(effect, report)
+    return f"{phrase(effect)} ({name})" + ("" if when == "whole log" else f" from {when}")
+
+
+def _causes(report):
+    effects = report["effects"]
+    if len(effects) <= MOST_PHRASES:
+        return " and ".join(_named(effect, report) for effect in effects)
+    names = (title(e["name"]) + (f" (or {listed(rivals(report, e['name']), 'or')})" if rivals(report, e["name"]) else "") for e in effects)
+    return f"{len(effects)} effects act, {listed(names)}"
+
+
+def _closing(report):
+    """How far the effects close the gap."""
+    gap, key = report["gap"], horizon(report["gap"])
+    if key is None:
+        return "the log is too broken up to measure the gap"
+    before, after, least = (length(gap[part][key]) for part in ("before", "after", "noise_floor"))
+    them = "them" if len(report["effects"]) > 1 else "it"
+    if not math.isfinite(real(gap["closed_fraction"][key])):
+        return f"the gap is about the noise ({before} against {least}, {ahead(key, report)}), so no percentage can be given"
+    part = percent(gap["closed_fraction"][key])
+    return f"adding {them} closes {part} of the gap ({before} to {after}, {ahead(key, report)}; noise floor {least})"
+
+
+def _none(report):
+    left, key = report["unexplained"], horizon(report["gap"])
+    if key is None:
+        return "the log is too broken up to measure the gap"
+    off = f"{ahead(key, report)} it is {length(report['gap']['before'][key])} off, where noise alone makes {length(report['gap']['noise_floor'][key])}"
+    systematic, smallest = real(left["of_gap_m"]), real(left["smallest_that_matters_m"])
+    if systematic < smallest:
+        return f"{off}; the gap without noise, {length(systematic)}, is below the smallest that matters, {length(smallest)}"
+    return f"{off}; what is left shows no system"
+
+
+def depends(report):
+    """On what the unexplained part depends; empty where nothing is left that matters."""
+    left = report["unexplained"]
+    if not left["matters"]:
+        return ""
+    strong = [d for d in left["depends_on"] if real(d["share"]) >= 0.1][:3] or left["depends_on"][:1]
+    return listed(f"{ {'place': 'position', 'heading': 'the heading'}.get(d['on'], d['on']) } ({d['channel']} error)" for d in strong)
+
+
+def sentence(report):
+    """The verdict in one sentence."""
+    left = report["unexplained"]
+    if report["verdict"] == "none":
+        return f"None: the simulator explains this log down to its noise: {_none(report)}."
+    if report["verdict"] == "known":
+        partly = left["matters"]
+        return f"Known{', but PARTLY explained' if partly else ''}: {_causes(report)}; {_closing(report)}."
+    on = depends(report)
+    rest = f"depends on {on} and none of the known effects explains it" if on else "none of the known effects explains"
+    if not report["effects"]:
+        return f"Unknown: the simulator is off by {length(left['of_gap_m'])} without noise; the gap {rest}."
+    explained = percent(1 - real(left["share"]))
+    names = listed(title(effect["name"]) for effect in report["effects"])
+    what = f"what is left ({length(left['gap_m'])} of {length(left['of_gap_m'])} without noise) {rest}"
+    return f"Unknown, PARTLY explained: {names} can explain {explained} of the gap; {what}."
+
+
+def asides(report):
+    """What must stand right beside the verdict: short sentences."""
+    said, left = [], report["unexplained"]
+    if report["verdict"] == "known" and left["matters"]:
+        on = depends(report)
+        said.append(f"What is left is {length(left['gap_m'])} of {length(left['of_gap_m'])} without noise; it depends on {on}.")
+    if report["verdict"] == "unknown" and report["effects"]:
+        said.append("The effects listed are the best that the known ones can do; do not take them for the cause.")
+    doubtful = [e for e in report["effects"] if not real(e["confidence"]) >= SURE and report["verdict"] == "known"]
+    if doubtful:
+        said.append(f"Not certain: {listed(title(e['name']) + ' ' + percent(e['confidence']) for e in doubtful)} sure.")
+    said += fresh(report)
+    if report["effects"] and "fresh" not in report:
+        said.append("Tried on rows of this log that were left out of the fit, not on a fresh log.")
+    return said
+
+
+def fresh(report):
+    """What the same model does on the fresh log, in one sentence."""
+    if "fresh" not in report:
+        return []
+    gap = report["fresh"]["gap"]
+    key = horizon(gap)
+    if key is None:
+        return ["The fresh log is too broken up to measure the gap."]
+    before, after, least = (length(gap[part][key]) for part in ("before", "after", "noise_floor"))
+    part = real(gap["closed_fraction"][key])
+    if not report["effects"]:
+        return [f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."]
+    if not math.isfinite(part):
+        return [f"On the fresh log the gap is about the noise ({before} against {least})."]
+    if part < 0:
+        return [f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."]
+    return [f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({before} to {after}, {ahead(key, report)}; noise floor {least})."]
+
+
+# ---- details -------------------------------------------------------------------------------------
+
+
+def open_parameters(report):
+    """What the log leaves open of the parameters."""
+    said = []
+    for effect in report["effects"]:
+        for name, _, bounds, remarks in parameters(effect):
+            of = f"{name} of {title(effect['name'])}"
+            if "at the edge of its range" in remarks:
+                said.append(f"{of} sits at the edge of its range: the true value may lie beyond.")
+            elif "left open" in remarks:
+                unit = effect.get("units", {}).get(name, "1")
+                said.append(f"{of} is left open: " + ("this log sets no bound." if bounds == "no interval" else
+                            f"anything in {bounds}{'' if unit == '1' else ' ' + unit} fits."))  # fmt: skip
+    return said
+
+
+def cannot_tell(report):
+    """What this log leaves open, in sentences."""
+    said = []
+    for effect in report["effects"]:
+        also = rivals(report, effect["name"])
+        if also:
+            said.append(f"{capital(title(effect['name']))} or {listed(also, 'or')}: on this log they do the same.")
+    if report["not_testable"]:
+        names = listed(title(name) for name in report["not_testable"])
+        said.append(f"NOT TESTABLE: {names}. This drive would hardly show them, so they may act or not.")
+    said += open_parameters(report)
+    gap = report["gap"]
+    near = [k for k in gap["before"] if math.isfinite(real(gap["before"][k])) and not math.isfinite(real(gap["closed_fraction"][k]))]
+    unseen = [key for key in gap["before"] if not math.isfinite(real(gap["before"][key]))]
+    if near:
+        said.append(f"{listed(near)} step{'s' if near != ['1'] else ''} ahead the gap is about the noise: no percentage there.")
+    if unseen:
+        said.append(f"No stretch of the log is long enough to predict {listed(unseen, 'or')} steps ahead.")
+    noise = report["noise"]
+    if max(real(noise["rho_p"]), real(noise["rho_t"])) > COLOURED:
+        said.append("The noise changes so slowly that it cannot be told from slow errors: the noise floor may be too high.")
+    return said
+
+
+def noise(report):
+    """What the noise of the measured pose is like."""
+    n, nu = report["noise"], report["noise"]["tails_nu"]
+    said = [f"A measured position scatters by {length(n['sp'])}, a heading by {angle(n['st'])} (one standard deviation)."]
+    rho_p, rho_t = real(n["rho_p"]), real(n["rho_t"])
+    colour = "white" if max(abs(rho_p), abs(rho_t)) < 0.1 else "coloured"
+    said.append(f"The noise is {colour}: from row to row it correlates by {rho_p:.2f} (position) and {rho_t:.2f} (heading).")
+    heavy = nu is not None and real(nu) < LIGHT
+    said.append(
+        f"Its tails are heavy (Student's t with {real(nu):.1f} degrees of freedom): outliers count less." if heavy
+        else "Its tails are those of a Gaussian: no outliers to speak of."
+    )  # fmt: skip
+    return said
+
+
+def measured_on(report):
+    """Size of the log, what of it was used, and how the nominal simulator steps."""
+    log = report["log"]
+    usable = real(log["usable"])
+    used = "all rows were used" if usable == 1 else f"{100 * (1 - usable):.2g} % of the rows are masked or beside a break and were not used"
+    said = [f"{log['rows']} rows, {seconds(log['seconds'])} at {_plain(1 / real(log['dt']), 3)} Hz; {used}."]
+    said.append(f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without that kind of driving.")
+    said.append(f"The nominal robot moves in {report['integrator']} between rows; this was chosen first and has no parameter.")
+    return said
+
+
+def where(report):
+    """Where the gap lies, in sentences; none if there is no gap."""
+    if report["verdict"] == "none":
+        return ["There is no gap to locate: what is left is noise."]
+    said = []
+    spread = [s for s in report["where"]["segments"] if real(s[1]) > real(s[0])]
+    end = real(report["log"]["seconds"])
+    heavy = [s for s in spread if real(s[2]) > 1.5 * (real(s[1]) - real(s[0])) / end]
+    if heavy:
+        heavy = sorted(heavy, key=lambda s: -real(s[2]))[:3]
+        said.append("It is larger than elsewhere " + listed(f"from {span(a, b)} ({percent(part)} of it)" for a, b, part in heavy) + ".")
+    worst = [r for r in report["where"]["regions"] if real(r["times_average"]) > 1.2]
+    said += [
+        f"At {r['variable']} of {_plain(real(r['from']))} to {_plain(real(r['to']))} {r['unit']}"
+        f" it is {real(r['times_average']):.1f} times the average." for r in worst[:4]
+    ]  # fmt: skip
+    return said
+
+
+def advice(report):
+    """The next drive, in sentences; empty where nothing is open."""
+    if not report["advice"]:
+        return []
+    drive = report["advice"]
+    separation = [(question, real(value)) for question, value in drive["separation"].items()]
+    said = [f"Drive {drive['words']} ({drive['drive']}), at your own safe speeds."]
+    told = [f"{title(q)} ({value:.2g})" for q, value in separation if value >= WELL_MEANT]
+    hidden = [title(q) for q, value in separation if not value >= WELL_MEANT]
+    if told:
+        said.append(f"It tells {listed(told)}; in brackets the distance, in standard deviations of the noise per row.")
+    if hidden:
+        said.append(f"It does not settle {listed(hidden)}: that takes higher speeds or smaller commands than this log has.")
+    said.append("Record it as a log of its own and diagnose that, or give it with --fresh to try what was found here.")
+    return said
+
+
+# ---- captions ------------------------------------------------------------------------------------
+
+
+def gap_caption(gap, report, size=length, place=""):
+    """What the bars bear out."""
+    key = horizon(gap)
+    if key is None:
+        return f"The gap{place} could not be measured"
+    before, after, least = (real(gap[part][key]) for part in ("before", "after", "noise_floor"))
+    if not report["effects"]:
+        return f"{capital(ahead(key, report))} the simulator is {size(before)} off{place}, where noise alone makes {size(least)}"
+    if after > before:
+        return f"{capital(ahead(key, report))} the error grows from {size(before)} to {size(after)}{place}"
+    return f"{capital(ahead(key, report))} the error falls from {size(before)} to {size(after)}{place}; noise alone makes {size(least)}"
+
+
+def path_caption(report, steps, before, after):
+    """before, after: largest error (m) of the windows drawn."""
+    start = f"Predicted {steps} steps ahead from measured poses, the simulator ends up to {length(before)} off"
+    return start + (f"; with the effects {length(after)}" if report["effects"] else "")
+
+
+def time_caption(report):
+    """When the gap is there."""
+    if report["verdict"] == "none":
+        return "The error stays about the noise from the first row to the last"
+    end = real(report["log"]["seconds"])
+    parts = [[real(v) for v in part] for part in report["where"]["segments"]]
+    worst = max(parts, key=lambda s: s[2] / max(s[1] - s[0], 1e-9))
+    if worst[2] > 1.5 * (worst[1] - worst[0]) / end:
+        return f"The gap is largest from {span(*worst[:2])}: {percent(worst[2])} of it in {percent((worst[1] - worst[0]) / end)} of the time"
+    return "The gap is spread over the whole log"
+
+
+def channel_caption(report):
+    """In which direction the gap lies."""
+    name, part = max(report["where"]["channels"].items(), key=lambda item: real(item[1]))
+    return f"The largest part of the gap is {name} error: {percent(part)}"
+
+
+def ranking_caption(report):
+    """What the ranking bears out."""
+    if report["verdict"] == "none":
+        return "No effect explains more than noise does"
+    if not report["effects"]:
+        return "No known effect is worth adding"
+    last = len(report["effects"]) - 1
+    rest = [row for row in report["ranking"] if row["name"] not in {e["name"] for e in report["effects"]}]
+    if not rest:
+        return f"{capital(title(report['effects'][last]['name']))} is needed"
+    next_best = rest[0]
+    return f"{capital(title(next_best['name']))} comes next: in place of what was found it would do {percent(min(real(next_best['score']), 1))} of the work"
+
+
+def contribution_caption(report):
+    """What each effect is worth beside the others."""
+    parts = {name: real(rise[key]) for name, rise in report["contributions"].items() if (key := horizon(report["gap"]))}
+    best = max(parts, key=lambda name: parts[name])
+    return f"{capital(title(best))} matters most: without it the error grows by {length(parts[best])}"
+
+
+# ---- terminal ------------------------------------------------------------------------------------
+
+
+def _say(text=""):
+    results.console.print(text, markup=False, highlight=False)
+
+
+def effect_rows(report):
+    """[(effect, parameter with interval, confidence, when, remarks)]: one row a parameter."""
+    rows = []
+    for effect in report["effects"]:
+        for i, (name, value, bounds, remarks) in enumerate(parameters(effect)):
+            first = (title(effect["name"]), percent(effect["confidence"]), acts(effect, report)) if i == 0 else ("", "", "")
+            rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
+    return rows
+
+
+def gap_rows(gap, report, size=length):
+    """[(horizon, before, after, floor, closed, interval)]."""
+    rows = []
+    for key, before in gap["before"].items():
+        low, high = gap["ci95"][key] if "ci95" in gap else (None, None)
+        closed = real(gap["closed_fraction"][key]) if "closed_fraction" in gap else math.nan
+        spread = f"{100 * real(low):.0f} to {100 * real(high):.0f} %" if math.isfinite(real(low) + real(high)) else "-"
+        spread = percent(low) if real(low) >= 0.995 else spread
+        rows.append((steps(key, report), size(before), size(gap["after"][key]), size(gap["noise_floor"][key]), percent(closed), spread))
+    return rows
+
+
+GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
+
+
+def print_summary(report, page):
+    """The report on the terminal; page: where the HTML is."""
+    _say()
+    _say(sentence(report))
+    for aside in asides(report):
+        _say(f"  {aside}")
+    if report["effects"]:
+        results.print_table("Effects", ("effect", "parameter", "95 % interval", "sure", "acts", ""), effect_rows(report))
+    results.print_table("Gap, position", GAP_HEADERS, gap_rows(report["gap"], report))
+    if "fresh" in report:
+        results.print_table("Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(report["fresh"]["gap"], report))
+    open_ends = cannot_tell(report)
+    if open_ends:
+        _say("What this log cannot tell")
+        for text in open_ends:
+            _say(f"  {text}")
+    for text in advice(report)[:1]:
+        _say(f"Next drive\n  {text}")
+    _say(f"\nPage: {page}")

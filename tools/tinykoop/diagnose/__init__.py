@@ -4,13 +4,14 @@ Data flow: pieces (whitened residuals) -> noise -> search of effects, with phase
 where, advise -> diagnosis (the report) -> page (what people read).
 """
 
-from ..results import output_folder, write_json
+from ..results import output_folder, write_bytes, write_json
+from . import page, words
 from .diagnosis import diagnose, load
 from .platform import PLATFORMS
 
 
 def run(path, out, fresh=None, platform="ddr", without=()):
-    """Diagnoses a log file; writes report.json to `out`."""
+    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
     robot = PLATFORMS[platform]()
     log = load(path, robot)
     fresh_log = load(fresh, robot) if fresh else None
@@ -18,4 +19,6 @@ def run(path, out, fresh=None, platform="ddr", without=()):
     result = diagnose(log, robot, fresh_log, without)
     result.report = {"log_file": str(path), "fresh_file": str(fresh) if fresh else None, **result.report}
     write_json(out / "report.json", result.report)
+    write_bytes(out / "report.html", page.html(result))
+    words.print_summary(result.report, out / "report.html")
     return result

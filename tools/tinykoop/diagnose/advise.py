@@ -60,7 +60,7 @@ def advise(search, fit, open_pairs, untestable):
         return None
     platform, integrator, dt = pieces.platform, pieces.integrator, pieces.log.dt
     best = None
-    for title, (words, u) in drives(platform.commands(pieces.log.u), dt).items():
+    for title, (words, u) in drives(pieces.log.u, dt).items():
         separation = {}
         for cause, rival in questions:
             fitter, _ = _separation(platform, integrator, pieces.noise, u, dt, (), cause.name, cause.params)

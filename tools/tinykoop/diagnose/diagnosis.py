@@ -12,7 +12,7 @@ from .pieces import Pieces
 from .platform import PLATFORMS
 
 FEWEST_ROWS = 60
-ARTEFACT = 0.2  # of half a step, to which a lateral skid is the integrator's
+ARTEFACT, SURE_ARTEFACT = 0.2, 0.08  # of half a step, to which a lateral skid is the integrator's; at first sight
 PAYS, PAYS_AT_LEAST = 0.1, 0.1  # a cause must close that much: of the gap above the floor; of the smallest that matters
 HELD = 1e-3  # of its usual value, to which a parameter counts as at its bound
 
@@ -43,50 +43,52 @@ def load(path, platform):
     return log
 
 
-def _artefact(platform, dt, causes):
+def _stepped(platform, dt, integrator, causes, tolerance):
     """The integrator that a lateral skid among the causes is an artefact of; None if it is none."""
-    for cause in causes:
-        for integrator in platform.integrators[1:]:
-            expected = integrator.skid * dt
-            if cause.name == "lateral_skid" and abs(cause.params[0] - expected) < ARTEFACT * abs(expected):
-                return integrator
+    skid = next((cause.params[0] for cause in causes if cause.name == "lateral_skid"), 0.0)
+    for other in platform.integrators:
+        expected = (other.skid - integrator.skid) * dt
+        if other != integrator and abs(skid - expected) < tolerance * 0.5 * dt:
+            return other
     return None
 
 
 def _explained(platform, log, without, seed):
-    """(pieces, Explanation). How the log was stepped is settled before any effect, and again if a skid remains."""
-    pieces = Pieces(platform, log, platform.integrators[0])
+    """(pieces, Explanation). How the log was stepped is settled before any effect, and again if such a skid remains."""
+    tried = [platform.integrators[0]]
+    pieces = Pieces(platform, log, tried[0])
     search = explain.begin(pieces, without, seed)
     best = search.best(1)
-    with_skid = [search.fits[frozenset(["lateral_skid"])]] if "lateral_skid" in search.fitter.effects else []
-    if with_skid and best.names != ("lateral_skid",):
-        with_skid.append(search.fitter.add("lateral_skid", best)[0])
-    stepped = None
-    if with_skid:
-        likely = min(with_skid, key=search.worth)
-        if search.worth(likely) < min(search.worth(best), search.worth(search.base)):
-            stepped = _artefact(platform, log.dt, likely.causes)
-    for _ in range(2):
-        if stepped is not None:
-            pieces = Pieces(platform, log, stepped)
+    if "lateral_skid" in search.fitter.effects:
+        skids = [search.fits[frozenset(["lateral_skid"])]]
+        if best.names != ("lateral_skid",):
+            skids.append(search.fitter.add("lateral_skid", best)[0])
+        skid = min(skids, key=search.worth)
+        other = _stepped(platform, log.dt, tried[0], skid.causes, SURE_ARTEFACT)
+        if other and search.worth(skid) < min(search.worth(best) if best is not skid else np.inf, search.worth(search.base)):
+            tried.append(other)
+            pieces = Pieces(platform, log, other)
             search = explain.begin(pieces, without, seed)
+    while True:
         found = explain.explain(search, without, seed)
-        other = _artefact(platform, log.dt, found.fit.causes)
-        if stepped is not None or other is None:
-            break
-        stepped = other
-    return pieces, found
+        other = _stepped(platform, log.dt, tried[-1], found.fit.causes, ARTEFACT)
+        if other is None or other in tried[1:] or len(tried) > 3:
+            return pieces, found
+        tried.append(other)
+        pieces = Pieces(platform, log, other)
+        search = explain.begin(pieces, without, seed)
 
 
 def _paying(search, fit, starts):
     """(fit, gate) without the causes that do not pay on rows they were not fitted on."""
     while True:
         gates = verdict.gate(search.pieces, fit.causes)
-        if not fit.causes:
-            return fit, gates
         sensor = noise.trusted(search.pieces, gates.generic)
         gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor))  # noqa: E731
         _, after, least = gaps(fit)
+        gates = verdict.stricter(gates, after[-1], least[-1])
+        if not fit.causes:
+            return fit, gates
         pays = []
         for i in range(len(fit.causes)):
             rest = search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=4)

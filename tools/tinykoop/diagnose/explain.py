@@ -49,13 +49,22 @@ def _phased(pieces, first, without, seed):
     search = Search(pieces, without, seed)
     search.singles()
     fit = phases.merge(search, edges, without)
-    for _ in range(2):
+    for _ in range(ROUNDS):
         if fit is None:
             break
         before = pieces.noise
         noise.estimate(pieces, active(fit.causes))
         search.rebase()
         fit = prune(search, phases.edge_search(search.fitter, search.fitter.refine(search.fitter.fit_of(fit.causes))))
+        # a change that a larger one hid shows once that is explained
+        hidden = phases.parts(pieces, fit.causes) if _something_left(pieces, fit) else []
+        more = sorted({*edges, *(row for row in hidden if min(abs(row - edge) for edge in edges) > phases.APART)})
+        if more != edges:
+            edges = more
+            again = phases.merge(search, edges, without)
+            if again and search.worth(again) < search.worth(fit):
+                fit = again
+                continue
         if not _moved(before, pieces.noise):
             break
     return edges, fit, search

@@ -130,7 +130,7 @@ class _Basis:
 class Generic:
     """The generic model fitted to what `active` leaves of the pieces.
 
-    left, part (S, L, 3): residuals without, and explained by it; cost: sum of squares that remains, whitened;
+    residual, left, part (S, L, 3): residuals, without, and explained by it; cost: sum of squares that remains, whitened;
     gain, count: what its columns take away, and how many they are.
     """
 
@@ -144,7 +144,7 @@ class Generic:
         amplitudes = basis.white @ w
         self.coefficients = basis.spread @ amplitudes
         self.part = np.tensordot(self.coefficients, self.raw, 1)
-        self.left = r - self.part
+        self.left, self.residual = r - self.part, r
         self.gain, self.count = float(amplitudes @ amplitudes), len(amplitudes)
         self.cost = float(w @ w) - self.gain
         self.free = pieces.degrees - self.count
@@ -160,8 +160,7 @@ class Generic:
         return float(stats.f.sf(self.gain / self.count / self.scale, self.count, self.free))
 
     def gap(self, H):
-        """RMS position error (m) after H rows that the generic model finds, without what noise feigns."""
-        H = min(H, self.raw.shape[2] - 1)
+        """RMS position error (m) after H rows, which most pieces must reach, that the generic model finds, without what noise feigns."""
         at = self._inside[:, H]
         if not at.any():
             return 0.0

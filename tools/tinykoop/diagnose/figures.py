@@ -33,7 +33,9 @@ def _ticks(low, high, most=5):
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * f for f in (1, 2, 5, 10) if power * f >= rough * 0.999)
     first = math.ceil(low / step - 1e-9)
-    return [i * step for i in range(first, math.floor(high / step + 1e-9) + 1)], max(0, -math.floor(math.log10(step) + 1e-9))
+    return [i * step for i in range(first, math.floor(high / step + 1e-9) + 1)], max(
+        0, -math.floor(math.log10(step) + 1e-9)
+    )
 
 
 def _range(values, pad=0.05):
@@ -68,7 +70,10 @@ class _Panel:
         self.left, self.top, self.width, self.height = box
         if equal:
             scale = max((x[1] - x[0]) / self.width, (y[1] - y[0]) / self.height)
-            x, y = ((sum(r) / 2 - scale * size / 2, sum(r) / 2 + scale * size / 2) for r, size in ((x, self.width), (y, self.height)))
+            x, y = (
+                (sum(r) / 2 - scale * size / 2, sum(r) / 2 + scale * size / 2)
+                for r, size in ((x, self.width), (y, self.height))
+            )
         self.x, self.y = x, y
 
     def px(self, x):
@@ -138,7 +143,11 @@ def _bars(entries, label, zero_is_floor=True):
             continue
         name, value, text, kind = entry
         size = max(value, 0) / most * room if math.isfinite(value) else 0
-        out.append(_text(left - 6, y + 12, name, "", "end") + _rect(left, y + 1, size, 13, kind) + _text(left + size + 5, y + 12, text))
+        out.append(
+            _text(left - 6, y + 12, name, "", "end")
+            + _rect(left, y + 1, size, 13, kind)
+            + _text(left + size + 5, y + 12, text)
+        )
         y += 18
     return _svg(y + 4, label, *out)
 
@@ -152,7 +161,11 @@ def gap(gap, report, label, size=words.length):
     for name, _, _, _, closed, spread in words.gap_rows(gap, report, size):
         rows.append((f"{name} ahead" + (f": {closed} closed ({spread})" if closed != "-" else ""),))
         key = name.split()[0]
-        for part, text, kind in (("before", "before" if with_effects else "simulator", "bar-before"), ("after", "after", "bar-after"), ("noise_floor", "noise floor", "bar-floor")):
+        for part, text, kind in (
+            ("before", "before" if with_effects else "simulator", "bar-before"),
+            ("after", "after", "bar-after"),
+            ("noise_floor", "noise floor", "bar-floor"),
+        ):
             if part != "after" or with_effects:
                 value = words.real(gap[part][key])
                 rows.append((text, value, size(value), kind))
@@ -163,15 +176,18 @@ def ranking(report, label, most=8):
     """Bars of the ranking's scores; those that were found are solid."""
     found = {effect["name"] for effect in report["effects"]}
     rows = [r for r in report["ranking"] if words.real(r["score"]) >= 0.005 or r["name"] in found][:most]
-    return _bars(
-        [(words.title(r["name"]), words.real(r["score"]), f"{words.real(r['score']):.2f}", "bar-after" if r["name"] in found else "bar-floor") for r in rows], label
-    )  # fmt: skip
+    kinds = ["bar-after" if r["name"] in found else "bar-floor" for r in rows]
+    scores = [words.real(r["score"]) for r in rows]
+    return _bars([(words.title(r["name"]), s, f"{s:.2f}", kind) for r, s, kind in zip(rows, scores, kinds)], label)
 
 
 def contributions(report, label):
     """Bars of how much the error grows without each effect."""
     key = words.horizon(report["gap"])
-    rows = [(words.title(name), words.real(rise[key]), words.length(rise[key]), "bar-after") for name, rise in report["contributions"].items()]
+    rows = [
+        (words.title(name), words.real(rise[key]), words.length(rise[key]), "bar-after")
+        for name, rise in report["contributions"].items()
+    ]
     return _bars(rows, label)
 
 
@@ -215,8 +231,15 @@ def path(result):
     whole = log.x[:, :2].copy()
     whole[:-1][~log.usable] = np.nan
     whole = whole[:: max(1, len(whole) // MOST_POINTS)]
-    panel = _Panel((44, 44, WIDTH - 54, 220), _range(np.r_[whole[:, 0], before[..., 0].ravel()]), _range(np.r_[whole[:, 1], before[..., 1].ravel()]), True)
-    keys = [("measured", "measured"), ("before", "before" if with_effects else "simulator")] + [("after", "after")] * with_effects
+    panel = _Panel(
+        (44, 44, WIDTH - 54, 220),
+        _range(np.r_[whole[:, 0], before[..., 0].ravel()]),
+        _range(np.r_[whole[:, 1], before[..., 1].ravel()]),
+        True,
+    )
+    keys = [("measured", "measured"), ("before", "before" if with_effects else "simulator")] + [
+        ("after", "after")
+    ] * with_effects
     parts = [_legend(0, 14, keys), panel.frame("x (m)", "y (m)"), panel.line(*whole.T, "measured")]
     thin = max(1, steps // 10)
     for k in range(0, len(rows), max(1, len(rows) // 100)):
@@ -233,7 +256,9 @@ def path(result):
         together = np.concatenate(lines)
         zoom = _Panel((44 + i * each, top, each - 40, each - 40), _range(together[:, 0]), _range(together[:, 1]), True)
         parts.append(zoom.frame("x (m)" if i == 1 or len(worst) == 1 else "", "", 3, 3))
-        parts.append(_text(zoom.left, top - 8, f"{i + 1}: from {words.seconds(log.t[rows[k, 0]] - log.t[0])}", "strong"))
+        parts.append(
+            _text(zoom.left, top - 8, f"{i + 1}: from {words.seconds(log.t[rows[k, 0]] - log.t[0])}", "strong")
+        )
         parts += [zoom.line(*line.T, kind) for line, kind in zip(lines, ("measured", "before", "after"))]
     return caption, _svg(top + each if len(worst) else 310, caption, *parts)
 
@@ -244,23 +269,41 @@ def time_line(result, label):
     key = words.horizon(report["gap"])
     end = words.real(report["log"]["seconds"])
     with_effects, left, width = bool(report["effects"]), 44, WIDTH - 60
-    keys = [("before noisy", "before" if with_effects else "simulator")] + [("after", "after")] * with_effects + [("floor", "noise floor")]
+    keys = (
+        [("before noisy", "before" if with_effects else "simulator")]
+        + [("after", "after")] * with_effects
+        + [("floor", "noise floor")]
+    )
     parts = [_legend(0, 14, keys)]
     j = [str(H) for H in HORIZONS].index(key) if key else 0
     t = log.t[result.before.starts] - log.t[0]
-    lines = [(result.before.position[:, j], "before noisy"), (result.after.position[:, j], "after"), (result.floor[:, j, 0], "floor")]
+    lines = [
+        (result.before.position[:, j], "before noisy"),
+        (result.after.position[:, j], "after"),
+        (result.floor[:, j, 0], "floor"),
+    ]
     lines = [line for line in lines if with_effects or line[1] != "after"]
     high = _range(np.concatenate([values for values, _ in lines]))[1]
     panel = _Panel((left, 52, width, 150), (0, end), (0, high))
-    healthy = report["verdict"] == "none"
-    parts.append(panel.frame("time (s)" if healthy else None, f"error {words.ahead(key, report)} (m)" if key else "error (m)"))
-    broken = np.flatnonzero(np.diff(result.before.starts) > 3 * np.median(np.diff(result.before.starts))) + 1 if len(t) > 2 else []
+    alone = report["verdict"] == "none"
+    parts.append(
+        panel.frame("time (s)" if alone else None, f"error {words.ahead(key, report)} (m)" if key else "error (m)")
+    )
+    broken = (
+        np.flatnonzero(np.diff(result.before.starts) > 3 * np.median(np.diff(result.before.starts))) + 1
+        if len(t) > 2
+        else []
+    )
     for values, kind in lines:
         parts.append(panel.line(np.insert(t, broken, np.nan), np.insert(values, broken, np.nan), kind))
-    if healthy:
+    if alone:
         return _svg(240, label, *parts)
     cuts = sorted({words.real(s) for segment in report["where"]["segments"] for s in segment[:2]})[1:-1]
-    share = _Panel((left, 240, width, 60), (0, end), (0, 1.15 * max([words.real(s[2]) for s in report["where"]["segments"]] + [0.01]) * 100))
+    share = _Panel(
+        (left, 240, width, 60),
+        (0, end),
+        (0, 1.15 * max([words.real(s[2]) for s in report["where"]["segments"]] + [0.01]) * 100),
+    )
     bottom = 300 + 34 * len(report["effects"])
     parts.append(share.frame(None if with_effects else "time (s)", "share of the gap (%)", 5, 2))
     for a, b, part in report["where"]["segments"]:
@@ -291,6 +334,6 @@ def drive(advice, dt, names, label):
     for i, (name, unit) in enumerate(zip(names, ("m/s", "rad/s"))):
         held = np.repeat(commands[:, i], 2)
         low, high = _range(held, 0.15)
-        panel = _Panel((44, 26 + 130 * i, WIDTH - 60, 92), (0, t[-1]), (min(low, 0), max(high, 0)))
+        panel = _Panel((44, 26 + 145 * i, WIDTH - 60, 92), (0, t[-1]), (min(low, 0), max(high, 0)))
         parts += [panel.frame("time (s)" if i else "", f"{name} ({unit})", 5, 3), panel.line(t, held, "command")]
-    return _svg(286, label, *parts)
+    return _svg(302, label, *parts)

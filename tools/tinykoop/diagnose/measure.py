@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .fit import active
+from .pieces import SETTLE
 
 HORIZONS = (1, 10, 50)
 WINDOWS = 400  # at most, spread over the log
@@ -30,6 +31,8 @@ def starts_of(log, horizons=HORIZONS):
     for k in range(len(log.usable) - 1, -1, -1):
         run[k] = run[k + 1] + 1 if log.usable[k] else 0
     rows = np.flatnonzero(run >= min(max(horizons), run.max()))
+    if len(rows) > SETTLE * max(horizons):
+        rows = rows[rows >= max(horizons)]  # as in pieces.cut()
     return rows[:: max(1, len(rows) // WINDOWS)]
 
 

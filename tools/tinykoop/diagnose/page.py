@@ -4,6 +4,7 @@ import base64
 from html import escape
 from pathlib import Path
 
+from ..results import number
 from . import figures, words
 
 STYLE = """
@@ -23,15 +24,22 @@ h1 { font-size: 1.3rem; line-height: 1.35; margin: 4px 0 8px; }
 h3 { font-size: .95rem; margin: 14px 0 4px; }
 h2 { font-size: 1.15rem; margin: 32px 0 8px; padding-top: 12px; border-top: 1px solid var(--rule); }
 p, ul { margin: 6px 0; max-width: 78ch; } ul { padding-left: 20px; } li { margin: 3px 0; }
+a { color: var(--after); }
+@media (max-width: 500px) { h1 { font-size: 1.12rem; } }
 .soft { color: var(--soft); font-size: .9rem; }
 .two { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr)); gap: 12px 36px; align-items: start; }
-figure { margin: 12px 0; max-width: 560px; min-width: 0; } figcaption { font-weight: 600; font-size: .95rem; margin-bottom: 8px; }
+figure { margin: 12px 0; max-width: 560px; min-width: 0; }
+figcaption { font-weight: 600; font-size: .95rem; margin-bottom: 8px; }
 svg { width: 100%; height: auto; display: block; font: 13px system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
-svg text { fill: var(--ink); paint-order: stroke; stroke: var(--paper); stroke-width: 3px; stroke-linejoin: round; } svg .tick { fill: var(--soft); font-size: 12px; } svg .label { fill: var(--soft); } svg .strong { font-weight: 600; }
+svg text { fill: var(--ink); paint-order: stroke; stroke: var(--paper); stroke-width: 3px; stroke-linejoin: round; }
+svg .tick { fill: var(--soft); font-size: 12px; } svg .label { fill: var(--soft); } svg .strong { font-weight: 600; }
 svg path { fill: none; stroke-linejoin: round; } .grid { stroke: var(--rule); stroke-width: .7; }
-.measured { stroke: var(--ink); stroke-width: 5; opacity: .28; } .before { stroke: var(--before); stroke-width: 2; stroke-dasharray: 5 3; }
-.after { stroke: var(--after); stroke-width: 1.8; } .thin { stroke-width: 1.2; } .noisy { stroke-dasharray: none; stroke-width: 1.1; } .command { stroke: var(--after); stroke-width: 1.6; }
-.floor { stroke: var(--soft); stroke-width: 1.4; stroke-dasharray: 1.5 2.5; } .cut { stroke: var(--soft); stroke-width: .8; stroke-dasharray: 3 4; }
+.measured { stroke: var(--ink); stroke-width: 5; opacity: .28; }
+.before { stroke: var(--before); stroke-width: 2; stroke-dasharray: 5 3; }
+.after { stroke: var(--after); stroke-width: 1.8; } .thin { stroke-width: 1.2; } .noisy { stroke-dasharray: none; stroke-width: 1.1; }
+.command { stroke: var(--after); stroke-width: 1.6; }
+.floor { stroke: var(--soft); stroke-width: 1.4; stroke-dasharray: 1.5 2.5; }
+.cut { stroke: var(--soft); stroke-width: .8; stroke-dasharray: 3 4; }
 .mark { fill: var(--paper); stroke: var(--ink); stroke-width: 1.2; opacity: .9; }
 .bar-before { fill: var(--before); } .bar-after { fill: url(#hatch); stroke: var(--after); }
 .bar-floor { fill: var(--card); stroke: var(--soft); }
@@ -50,7 +58,9 @@ HATCH = (
 
 
 def _list(sentences):
-    return "<ul>" + "".join(f"<li>{escape(words.capital(text))}</li>" for text in sentences) + "</ul>" if sentences else ""
+    return (
+        "<ul>" + "".join(f"<li>{escape(words.capital(text))}</li>" for text in sentences) + "</ul>" if sentences else ""
+    )
 
 
 def _table(headers, rows):
@@ -77,7 +87,8 @@ def _first(result):
     caption = words.gap_caption(report["gap"], report)
     bars = _figure(caption, figures.gap(report["gap"], report, caption))
     asides = "".join(f"<p>{escape(text)}</p>" for text in words.asides(report))
-    head = f'<header class="{escape(report["verdict"])}"><div class="soft">Sim-to-real gap of {files}</div><h1>{escape(words.sentence(report))}</h1>{asides}</header>'
+    head = f'<div class="soft">Sim-to-real gap of {files}</div><h1>{escape(words.sentence(report))}</h1>{asides}'
+    head = f'<header class="{escape(report["verdict"])}">{head}</header>'
     return f'{head}<div class="two"><div>{bars}{_causes(report)}</div>{_figure(*figures.path(result))}</div>'
 
 
@@ -85,7 +96,10 @@ def _causes(report):
     """The effects, each with its phrase, where the first sentence has no room for them."""
     if report["verdict"] == "known" and len(report["effects"]) <= words.MOST_PHRASES:
         return ""
-    return _list(f"{words.phrase(e)} ({words.title(e['name'])}, {words.acts(e, report)}, {words.percent(e['confidence'])} sure)" for e in report["effects"])
+    return _list(
+        f"{words.phrase(e)} ({words.title(e['name'])}, {words.acts(e, report)}, {words.percent(e['confidence'])} sure)"
+        for e in report["effects"]
+    )
 
 
 def _which(report):
@@ -98,11 +112,15 @@ def _which(report):
     table = ""
     if report["effects"]:
         table = _table(("effect", "parameter", "95 % interval", "sure", "acts", "remark"), words.effect_rows(report))
-        evidence = ((words.title(e["name"]), words.results.number(words.real(e["evidence"]))) for e in report["effects"])
+        evidence = ((words.title(e["name"]), number(words.real(e["evidence"]))) for e in report["effects"])
         table += '<p class="soft">Evidence (rise of the squared misfit, in units of the noise, without the effect): '
         table += escape(", ".join(f"{name} {value}" for name, value in evidence)) + ".</p>"
-    score = "Above 1: found, and needed beside the others. Below 1: the share of the work of what was found that this effect would do in its place."
-    return _section("Which effect", table, f'<div class="two">{"".join(parts)}</div><p class="soft">{score}</p>' if report["ranking"] else "")
+    score = "Above 1: found, and needed beside the others. Below 1: the share of their work that it would do in their place."
+    return _section(
+        "Which effect",
+        table,
+        f'<div class="two">{"".join(parts)}</div><p class="soft">{score}</p>' if report["ranking"] else "",
+    )
 
 
 def _much(report):
@@ -111,7 +129,10 @@ def _much(report):
     fresh = report.get("fresh", {}).get("gap")
     if fresh:
         caption = words.gap_caption(fresh, report, place=" on the fresh log")
-        parts += ["<h3>Position, fresh log: nothing fitted again</h3>", _table(words.GAP_HEADERS, words.gap_rows(fresh, report))]
+        parts += [
+            "<h3>Position, fresh log: nothing fitted again</h3>",
+            _table(words.GAP_HEADERS, words.gap_rows(fresh, report)),
+        ]
     figures_ = []
     heading = report["gap"].get("heading_rad")
     if heading:
@@ -120,7 +141,10 @@ def _much(report):
     if fresh:
         caption = words.gap_caption(fresh, report, place=" on the fresh log")
         figures_.append(_figure(caption, figures.gap(fresh, report, caption)))
-    note = '<p class="soft">RMS error. Closed: share of the gap above the noise floor that is gone, on rows left out of the fit; none where the gap is about the noise.</p>'
+    note = (
+        '<p class="soft">RMS error. Closed: share of the gap above the noise floor that is gone, on rows left out of '
+        "the fit; none where the gap is about the noise.</p>"
+    )
     return _section("How much", *parts, note, f'<div class="two">{"".join(figures_)}</div>')
 
 
@@ -128,13 +152,16 @@ def _where(result):
     report = result.report
     caption = words.time_caption(report)
     right = _list(words.where(report))
-    if report["verdict"] != "none":
+    if words.located(report):
         label = words.channel_caption(report)
         right = _figure(label, figures.channels(report, label)) + right
     on = words.depends(report)
     if on:
         right += f"<p>What is left unexplained depends on {escape(on)}.</p>"
-    return _section("Where and when", f'<div class="two">{_figure(caption, figures.time_line(result, caption))}<div>{right}</div></div>')
+    return _section(
+        "Where and when",
+        f'<div class="two">{_figure(caption, figures.time_line(result, caption))}<div>{right}</div></div>',
+    )
 
 
 def _csv(advice, dt):
@@ -152,10 +179,12 @@ def _next(result):
     names = result.pieces.platform.command_names
     figure = _figure(label, figures.drive(advice, dt, names, label))
     link = f'<p><a download="next_drive.csv" href="{_csv(advice, dt)}">These commands as CSV</a></p>'
-    return _section("What to drive next", f'<div class="two">{figure}<div>{_list(words.advice(report))}{link}</div></div>')
+    return _section(
+        "What to drive next", f'<div class="two">{figure}<div>{_list(words.advice(report))}{link}</div></div>'
+    )
 
 
-def page(result):
+def html(result):
     """The whole page (bytes) of a Diagnosis."""
     report = result.report
     open_ends = words.cannot_tell(report) or ["Nothing came up that more data would have to settle."]
@@ -172,5 +201,6 @@ def page(result):
         ]
     )
     title = f"Sim-to-real gap: {report['verdict']}"
-    head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1"><title>{escape(title)}</title><style>{STYLE}</style>'
+    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    head += f"<title>{escape(title)}</title><style>{STYLE}</style>"
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{body}</body></html>\n'.encode()

@@ -18,6 +18,7 @@ from .search import Search
 SHORT = 20  # rows of the pieces that changes are looked for in
 FEWEST = 4  # of them in a part
 MOST_PARTS = 8
+APART = 30  # rows between two edges that are not the same
 FAR, NEAR = 120, 12  # rows, by which an edge is moved
 FEW = ("constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega", "heading, sine", "heading, cosine")
 CHANGES = "change of"
@@ -42,7 +43,7 @@ class _Cost(ruptures.base.BaseCost):
         return total - slope @ np.linalg.solve(gram + self.ridge, slope)
 
 
-def parts(pieces, causes=(), strictness=2.5):
+def parts(pieces, causes=(), strictness=1.6):
     """Edges (rows) between parts of the log that differ; none if it is of one piece."""
     short = Pieces(pieces.platform, pieces.log, pieces.integrator, SHORT)
     if len(short.starts) < 3 * FEWEST:

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROWS = 50  # of a piece: as long as the longest horizon that is reported
+ROWS, MOST_ROWS, SECONDS = 50, 150, 2.5  # of a piece: the longest horizon that is reported, and long enough for slow effects
 FEWEST = 6  # rows that are worth a piece: three go into its start
+SETTLE = 8  # pieces from which on the first is left out: how actuators stood before the log began is not known
+MOST = 7500  # rows of a long log, in pieces evenly spread
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,12 @@ class Noise:
     rho_t: float = 0.0
 
 
-def cut(usable, rows=ROWS):
+def usual_rows(dt):
+    """Rows of a piece for a sampling time."""
+    return int(np.clip(round(SECONDS / dt), ROWS, MOST_ROWS))
+
+
+def cut(usable, rows):
     """Starts (S) and lengths (S), in rows, of pieces that hold usable transitions only."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(int), [0]])))
     starts, lengths = [], []
@@ -36,6 +43,12 @@ def cut(usable, rows=ROWS):
         lengths.extend(np.diff(cuts))
     starts, lengths = np.array(starts, np.int64), np.array(lengths, np.int64)
     keep = lengths >= FEWEST
+    if keep.sum() >= SETTLE and starts[keep][0] == 0:
+        keep[0] = False
+    most = MOST // rows
+    if keep.sum() > most:
+        chosen = np.flatnonzero(keep)[np.linspace(0, keep.sum() - 1, most).round().astype(int)]
+        keep = np.isin(np.arange(len(keep)), chosen)
     return starts[keep], lengths[keep]
 
 
@@ -46,9 +59,9 @@ class Pieces:
     heading, rad). Rows beyond a piece's end are zero everywhere.
     """
 
-    def __init__(self, platform, log, integrator, rows=ROWS):
+    def __init__(self, platform, log, integrator, rows=None):
         self.platform, self.log, self.integrator = platform, log, integrator
-        self.starts, self.lengths = cut(log.usable, rows)
+        self.starts, self.lengths = cut(log.usable, rows or usual_rows(log.dt))
         self.L = int(self.lengths.max())
         self.steps = np.arange(1, self.L)
         self.inside = np.arange(self.L) < self.lengths[:, None]  # (S, L)
@@ -136,6 +149,10 @@ class Pieces:
         self.start_pose[:, 2] += shift[:, 2]
         self._turns()
         self._prepare()
+
+    def reach(self, H):
+        """H, or the last row that most pieces have."""
+        return min(H, int(np.quantile(self.lengths, 0.2)) - 1)
 
     def only(self, chosen):
         """These pieces alone, with the same noise and starts; None if there are none."""

@@ -14,6 +14,7 @@ from .fit import Fit, active
 SMALLEST_WAY = 0.002  # a gap below this share of the way driven does not matter,
 SMALLEST_NOISE = 0.5  # nor one below this share of the noise of a position
 SIGNIFICANT = 1e-3
+STANDS_OUT = 1.3  # times the noise floor, from which a held-out error is more than an error of the floor
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be called its explanation
 ALIAS = 0.9  # of an effect's worth that another takes over: they may be the same
 RIVALS = 5  # that are fitted in full
@@ -22,7 +23,7 @@ TESTABLE = 3.0  # prices that an effect of usual size must be worth for its abse
 
 @dataclass(frozen=True)
 class Gate:
-    """What generic errors find, H rows ahead, at the nominal model and in what the causes leave."""
+    """The systematic gap, H rows ahead: how large it is and what the causes leave of it."""
 
     generic: Generic
     before: float  # m, without noise
@@ -45,12 +46,21 @@ class Gate:
 
 
 def gate(pieces, causes, horizon=50):
-    """Tests an explanation."""
-    horizon = min(horizon, pieces.L - 1)
+    """Tests an explanation: by what generic errors find beside it, and by what it changes itself."""
+    horizon = pieces.reach(horizon)
     before, after = Generic(pieces), Generic(pieces, active(causes))
     way = np.hypot(*np.diff(pieces.log.x[:, :2], axis=0)[pieces.log.usable].T).mean() * horizon
     smallest = max(SMALLEST_WAY * way, SMALLEST_NOISE * pieces.noise.sp)
-    return Gate(after, before.gap(horizon), after.gap(horizon), smallest)
+    left = after.gap(horizon)
+    changed = (before.residual - after.residual)[:, horizon, :2][pieces.inside[:, horizon]]
+    moved = float(np.sqrt((changed**2).sum(-1).mean())) if len(changed) else 0.0
+    return Gate(after, max(before.gap(horizon), np.hypot(moved, left) if causes else 0.0), left, smallest)
+
+
+def stricter(gates, after, floor):
+    """The gate with what predictions on held-out rows still miss (m, and its noise), where that stands out of the noise."""
+    missed = np.sqrt(after**2 - floor**2) if after > STANDS_OUT * floor else 0.0
+    return replace(gates, after=max(gates.after, float(missed)), before=max(gates.before, float(missed)))
 
 
 def verdict(fit, gates):

@@ -7,7 +7,7 @@ from .noise import LIGHT
 
 SURE = 0.9  # a confidence below is said beside the verdict
 COLOURED = 0.95  # noise that remembers as much is hard to tell from slow errors
-WELL_MEANT = 0.1  # standard deviations per row, below which a drive separates nothing
+HIDDEN = 0.1  # standard deviations per row, below which a drive separates nothing
 MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
 
 
@@ -109,7 +109,11 @@ def _signed(value, above, below):
 
 
 def _limits(p):
-    cut = [f"{verb} faster than {quantity(p[key], unit)}" for key, unit, verb in (("v_max", "m/s", "drive"), ("w_max", "rad/s", "turn")) if p[key]]
+    cut = [
+        f"{verb} faster than {quantity(p[key], unit)}"
+        for key, unit, verb in (("v_max", "m/s", "drive"), ("w_max", "rad/s", "turn"))
+        if p[key]
+    ]
     return f"the robot cannot {listed(cut, 'nor')}" if cut else "speed and turning are cut at a limit"
 
 
@@ -172,7 +176,7 @@ def marks(effect, name):
     if name in effect.get("at_bound", ()):
         said.append("at the edge of its range")
     bounds = _limits_of(effect, name)
-    if not all(map(math.isfinite, bounds)) or bounds[1] - bounds[0] > abs(real(effect["params"][name])):
+    if not all(map(math.isfinite, bounds)) or bounds[1] - bounds[0] > 2 * abs(real(effect["params"][name])):
         said.append("left open")
     return said
 
@@ -216,10 +220,21 @@ def ahead(key, report):
     return f"{steps(key, report)} ahead"
 
 
+def _sizes(gap, key):
+    """Before, after and floor as text."""
+    return [length(gap[part][key]) for part in ("before", "after", "noise_floor")]
+
+
+def _shrinks(gap, key, report):
+    """0.45 m to 15 mm, 50 steps = 2.5 s ahead; noise floor 15 mm."""
+    before, after, least = _sizes(gap, key)
+    return f"{before} to {after}, {ahead(key, report)}; noise floor {least}"
+
+
 def _named(effect, report):
     """Phrase, name, rivals and times of one effect."""
     also = rivals(report, effect["name"])
-    name = title(effect["name"]) + (f", or {listed(also, 'or')}: this log cannot tell" if also else "")
+    name = listed([title(effect["name"]), *also], "or") + (": this log cannot tell which" if also else "")
     when = acts(effect, report)
     return f"{phrase(effect)} ({name})" + ("" if when == "whole log" else f" from {when}")
 
@@ -228,7 +243,10 @@ def _causes(report):
     effects = report["effects"]
     if len(effects) <= MOST_PHRASES:
         return " and ".join(_named(effect, report) for effect in effects)
-    names = (title(e["name"]) + (f" (or {listed(rivals(report, e['name']), 'or')})" if rivals(report, e["name"]) else "") for e in effects)
+    names = (
+        title(e["name"]) + (f" (or {listed(rivals(report, e['name']), 'or')})" if rivals(report, e["name"]) else "")
+        for e in effects
+    )
     return f"{len(effects)} effects act, {listed(names)}"
 
 
@@ -237,19 +255,32 @@ def _closing(report):
     gap, key = report["gap"], horizon(report["gap"])
     if key is None:
         return "the log is too broken up to measure the gap"
-    before, after, least = (length(gap[part][key]) for part in ("before", "after", "noise_floor"))
     them = "them" if len(report["effects"]) > 1 else "it"
     if not math.isfinite(real(gap["closed_fraction"][key])):
-        return f"the gap is about the noise ({before} against {least}, {ahead(key, report)}), so no percentage can be given"
+        before, _, least = _sizes(gap, key)
+        return (
+            f"the gap is about the noise ({before} against {least}, {ahead(key, report)}): no percentage can be given"
+        )
     part = percent(gap["closed_fraction"][key])
-    return f"adding {them} closes {part} of the gap ({before} to {after}, {ahead(key, report)}; noise floor {least})"
+    return f"adding {them} closes {part} of the gap ({_shrinks(gap, key, report)})"
+
+
+def _closed_in_part(report):
+    """What effects that are not the whole cause do: the smaller one of what they close and what they explain."""
+    gap, key, explained = report["gap"], horizon(report["gap"]), 1 - real(report["unexplained"]["share"])
+    if key is None:
+        return f"{percent(explained)} of the gap is explained"
+    closed = real(gap["closed_fraction"][key])
+    part = min(explained, closed) if math.isfinite(closed) else explained
+    return f"{percent(part)} of the gap closes ({_shrinks(gap, key, report)})"
 
 
 def _none(report):
     left, key = report["unexplained"], horizon(report["gap"])
     if key is None:
         return "the log is too broken up to measure the gap"
-    off = f"{ahead(key, report)} it is {length(report['gap']['before'][key])} off, where noise alone makes {length(report['gap']['noise_floor'][key])}"
+    before, _, least = _sizes(report["gap"], key)
+    off = f"{ahead(key, report)} it is {before} off, where noise alone makes {least}"
     systematic, smallest = real(left["of_gap_m"]), real(left["smallest_that_matters_m"])
     if systematic < smallest:
         return f"{off}; the gap without noise, {length(systematic)}, is below the smallest that matters, {length(smallest)}"
@@ -262,7 +293,10 @@ def depends(report):
     if not left["matters"]:
         return ""
     strong = [d for d in left["depends_on"] if real(d["share"]) >= 0.1][:3] or left["depends_on"][:1]
-    return listed(f"{ {'place': 'position', 'heading': 'the heading'}.get(d['on'], d['on']) } ({d['channel']} error)" for d in strong)
+    return listed(
+        f"{ {'place': 'position', 'heading': 'the heading'}.get(d['on'], d['on']) } ({d['channel']} error)"
+        for d in strong
+    )
 
 
 def sentence(report):
@@ -277,10 +311,8 @@ def sentence(report):
     rest = f"depends on {on} and none of the known effects explains it" if on else "none of the known effects explains"
     if not report["effects"]:
         return f"Unknown: the simulator is off by {length(left['of_gap_m'])} without noise; the gap {rest}."
-    explained = percent(1 - real(left["share"]))
     names = listed(title(effect["name"]) for effect in report["effects"])
-    what = f"what is left ({length(left['gap_m'])} of {length(left['of_gap_m'])} without noise) {rest}"
-    return f"Unknown, PARTLY explained: {names} can explain {explained} of the gap; {what}."
+    return f"Unknown, PARTLY explained: with {names}, {_closed_in_part(report)}; what is left {rest}."
 
 
 def asides(report):
@@ -288,7 +320,9 @@ def asides(report):
     said, left = [], report["unexplained"]
     if report["verdict"] == "known" and left["matters"]:
         on = depends(report)
-        said.append(f"What is left is {length(left['gap_m'])} of {length(left['of_gap_m'])} without noise; it depends on {on}.")
+        said.append(
+            f"What is left is {length(left['gap_m'])} of {length(left['of_gap_m'])} without noise; it depends on {on}."
+        )
     if report["verdict"] == "unknown" and report["effects"]:
         said.append("The effects listed are the best that the known ones can do; do not take them for the cause.")
     doubtful = [e for e in report["effects"] if not real(e["confidence"]) >= SURE and report["verdict"] == "known"]
@@ -308,7 +342,7 @@ def fresh(report):
     key = horizon(gap)
     if key is None:
         return ["The fresh log is too broken up to measure the gap."]
-    before, after, least = (length(gap[part][key]) for part in ("before", "after", "noise_floor"))
+    before, after, least = _sizes(gap, key)
     part = real(gap["closed_fraction"][key])
     if not report["effects"]:
         return [f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."]
@@ -316,24 +350,27 @@ def fresh(report):
         return [f"On the fresh log the gap is about the noise ({before} against {least})."]
     if part < 0:
         return [f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."]
-    return [f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({before} to {after}, {ahead(key, report)}; noise floor {least})."]
+    return [
+        f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({_shrinks(gap, key, report)})."
+    ]
 
 
 # ---- details -------------------------------------------------------------------------------------
 
 
 def open_parameters(report):
-    """What the log leaves open of the parameters."""
+    """What the log leaves open of the parameters, a sentence for each effect."""
     said = []
     for effect in report["effects"]:
-        for name, _, bounds, remarks in parameters(effect):
-            of = f"{name} of {title(effect['name'])}"
-            if "at the edge of its range" in remarks:
-                said.append(f"{of} sits at the edge of its range: the true value may lie beyond.")
-            elif "left open" in remarks:
-                unit = effect.get("units", {}).get(name, "1")
-                said.append(f"{of} is left open: " + ("this log sets no bound." if bounds == "no interval" else
-                            f"anything in {bounds}{'' if unit == '1' else ' ' + unit} fits."))  # fmt: skip
+        rows = [(name, bounds, remarks) for name, _, bounds, remarks in parameters(effect)]
+        edge = [name for name, _, remarks in rows if "at the edge of its range" in remarks]
+        free = [f"{name} {bounds}" for name, bounds, remarks in rows if "left open" in remarks and name not in edge]
+        if free:
+            said.append(f"Of {title(effect['name'])} these are left open: {listed(free)}.")
+        if edge:
+            said.append(
+                f"Of {title(effect['name'])}, {listed(edge)} came out at the edge of what is allowed: the true value may lie beyond."
+            )
     return said
 
 
@@ -343,31 +380,43 @@ def cannot_tell(report):
     for effect in report["effects"]:
         also = rivals(report, effect["name"])
         if also:
-            said.append(f"{capital(title(effect['name']))} or {listed(also, 'or')}: on this log they do the same.")
+            said.append(f"{capital(listed([title(effect['name']), *also], 'or'))}: on this log they do the same.")
     if report["not_testable"]:
         names = listed(title(name) for name in report["not_testable"])
         said.append(f"NOT TESTABLE: {names}. This drive would hardly show them, so they may act or not.")
     said += open_parameters(report)
     gap = report["gap"]
-    near = [k for k in gap["before"] if math.isfinite(real(gap["before"][k])) and not math.isfinite(real(gap["closed_fraction"][k]))]
+    near = [
+        k
+        for k in gap["before"]
+        if math.isfinite(real(gap["before"][k])) and not math.isfinite(real(gap["closed_fraction"][k]))
+    ]
     unseen = [key for key in gap["before"] if not math.isfinite(real(gap["before"][key]))]
-    if near:
-        said.append(f"{listed(near)} step{'s' if near != ['1'] else ''} ahead the gap is about the noise: no percentage there.")
+    if near and report["verdict"] != "none":
+        said.append(
+            f"{listed(near)} step{'s' if near != ['1'] else ''} ahead the gap is about the noise: no percentage there."
+        )
     if unseen:
         said.append(f"No stretch of the log is long enough to predict {listed(unseen, 'or')} steps ahead.")
     noise = report["noise"]
     if max(real(noise["rho_p"]), real(noise["rho_t"])) > COLOURED:
-        said.append("The noise changes so slowly that it cannot be told from slow errors: the noise floor may be too high.")
+        said.append(
+            "The noise changes so slowly that it cannot be told from slow errors: the noise floor may be too high."
+        )
     return said
 
 
 def noise(report):
     """What the noise of the measured pose is like."""
     n, nu = report["noise"], report["noise"]["tails_nu"]
-    said = [f"A measured position scatters by {length(n['sp'])}, a heading by {angle(n['st'])} (one standard deviation)."]
+    said = [
+        f"A measured position scatters by {length(n['sp'])}, a heading by {angle(n['st'])} (one standard deviation)."
+    ]
     rho_p, rho_t = real(n["rho_p"]), real(n["rho_t"])
     colour = "white" if max(abs(rho_p), abs(rho_t)) < 0.1 else "coloured"
-    said.append(f"The noise is {colour}: from row to row it correlates by {rho_p:.2f} (position) and {rho_t:.2f} (heading).")
+    said.append(
+        f"The noise is {colour}: from row to row it correlates by {rho_p:.2f} (position) and {rho_t:.2f} (heading)."
+    )
     heavy = nu is not None and real(nu) < LIGHT
     said.append(
         f"Its tails are heavy (Student's t with {real(nu):.1f} degrees of freedom): outliers count less." if heavy
@@ -380,29 +429,53 @@ def measured_on(report):
     """Size of the log, what of it was used, and how the nominal simulator steps."""
     log = report["log"]
     usable = real(log["usable"])
-    used = "all rows were used" if usable == 1 else f"{100 * (1 - usable):.2g} % of the rows are masked or beside a break and were not used"
+    used = (
+        "all rows were used"
+        if usable == 1
+        else f"{100 * (1 - usable):.2g} % of the rows are masked or beside a break and were not used"
+    )
     said = [f"{log['rows']} rows, {seconds(log['seconds'])} at {_plain(1 / real(log['dt']), 3)} Hz; {used}."]
-    said.append(f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without that kind of driving.")
-    said.append(f"The nominal robot moves in {report['integrator']} between rows; this was chosen first and has no parameter.")
+    said.append(
+        f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without it."
+    )
+    said.append(
+        f"The nominal robot moves by this rule: {report['integrator']}. It is chosen before any effect, without a parameter."
+    )
     return said
 
 
+def located(report):
+    """Whether the report says where the gap lies."""
+    return report["verdict"] != "none" and sum(real(part) for part in report["where"]["channels"].values()) > 0
+
+
 def where(report):
-    """Where the gap lies, in sentences; none if there is no gap."""
-    if report["verdict"] == "none":
-        return ["There is no gap to locate: what is left is noise."]
+    """Where the gap lies, in sentences."""
+    if not located(report):
+        return [
+            "There is no gap to locate: what is left is noise."
+            if report["verdict"] == "none"
+            else "The gap could not be located."
+        ]
     said = []
     spread = [s for s in report["where"]["segments"] if real(s[1]) > real(s[0])]
     end = real(report["log"]["seconds"])
     heavy = [s for s in spread if real(s[2]) > 1.5 * (real(s[1]) - real(s[0])) / end]
     if heavy:
         heavy = sorted(heavy, key=lambda s: -real(s[2]))[:3]
-        said.append("It is larger than elsewhere " + listed(f"from {span(a, b)} ({percent(part)} of it)" for a, b, part in heavy) + ".")
+        said.append(
+            "It is larger than elsewhere "
+            + listed(f"from {span(a, b)} ({percent(part)} of it)" for a, b, part in heavy)
+            + "."
+        )
     worst = [r for r in report["where"]["regions"] if real(r["times_average"]) > 1.2]
-    said += [
-        f"At {r['variable']} of {_plain(real(r['from']))} to {_plain(real(r['to']))} {r['unit']}"
-        f" it is {real(r['times_average']):.1f} times the average." for r in worst[:4]
-    ]  # fmt: skip
+    for r in worst[:4]:
+        low, high = real(r["from"]), real(r["to"])
+        places = _places(high, low, high)
+        said.append(
+            f"At {r['variable']} of {quantity(low, '1', places)} to {quantity(high, r['unit'], places)}"
+            f" it is {real(r['times_average']):.1f} times the average."
+        )
     return said
 
 
@@ -413,12 +486,14 @@ def advice(report):
     drive = report["advice"]
     separation = [(question, real(value)) for question, value in drive["separation"].items()]
     said = [f"Drive {drive['words']} ({drive['drive']}), at your own safe speeds."]
-    told = [f"{title(q)} ({value:.2g})" for q, value in separation if value >= WELL_MEANT]
-    hidden = [title(q) for q, value in separation if not value >= WELL_MEANT]
+    told = [f"{title(q)} ({value:.2g})" for q, value in separation if value >= HIDDEN]
+    hidden = [title(q) for q, value in separation if not value >= HIDDEN]
     if told:
         said.append(f"It tells {listed(told)}; in brackets the distance, in standard deviations of the noise per row.")
     if hidden:
-        said.append(f"It does not settle {listed(hidden)}: that takes higher speeds or smaller commands than this log has.")
+        said.append(
+            f"It does not settle {listed(hidden)}: that takes higher speeds or smaller commands than this log has."
+        )
     said.append("Record it as a log of its own and diagnose that, or give it with --fresh to try what was found here.")
     return said
 
@@ -434,6 +509,8 @@ def gap_caption(gap, report, size=length, place=""):
     before, after, least = (real(gap[part][key]) for part in ("before", "after", "noise_floor"))
     if not report["effects"]:
         return f"{capital(ahead(key, report))} the simulator is {size(before)} off{place}, where noise alone makes {size(least)}"
+    if size(after) == size(before):
+        return f"{capital(ahead(key, report))} the error stays at {size(after)}{place}; noise alone makes {size(least)}"
     if after > before:
         return f"{capital(ahead(key, report))} the error grows from {size(before)} to {size(after)}{place}"
     return f"{capital(ahead(key, report))} the error falls from {size(before)} to {size(after)}{place}; noise alone makes {size(least)}"
@@ -449,11 +526,14 @@ def time_caption(report):
     """When the gap is there."""
     if report["verdict"] == "none":
         return "The error stays about the noise from the first row to the last"
+    if not located(report):
+        return "The error over time"
     end = real(report["log"]["seconds"])
     parts = [[real(v) for v in part] for part in report["where"]["segments"]]
     worst = max(parts, key=lambda s: s[2] / max(s[1] - s[0], 1e-9))
     if worst[2] > 1.5 * (worst[1] - worst[0]) / end:
-        return f"The gap is largest from {span(*worst[:2])}: {percent(worst[2])} of it in {percent((worst[1] - worst[0]) / end)} of the time"
+        part = percent((worst[1] - worst[0]) / end)
+        return f"The gap is largest from {span(*worst[:2])}: {percent(worst[2])} of it in {part} of the time"
     return "The gap is spread over the whole log"
 
 
@@ -474,7 +554,8 @@ def ranking_caption(report):
     if not rest:
         return f"{capital(title(report['effects'][last]['name']))} is needed"
     next_best = rest[0]
-    return f"{capital(title(next_best['name']))} comes next: in place of what was found it would do {percent(min(real(next_best['score']), 1))} of the work"
+    part = percent(min(real(next_best["score"]), 1))
+    return f"{capital(title(next_best['name']))} comes next: in place of what was found it would do {part} of the work"
 
 
 def contribution_caption(report):
@@ -487,8 +568,8 @@ def contribution_caption(report):
 # ---- terminal ------------------------------------------------------------------------------------
 
 
-def _say(text=""):
-    results.console.print(text, markup=False, highlight=False)
+def _say(text="", style=None):
+    results.console.print(text, markup=False, highlight=False, style=style)
 
 
 def effect_rows(report):
@@ -496,7 +577,9 @@ def effect_rows(report):
     rows = []
     for effect in report["effects"]:
         for i, (name, value, bounds, remarks) in enumerate(parameters(effect)):
-            first = (title(effect["name"]), percent(effect["confidence"]), acts(effect, report)) if i == 0 else ("", "", "")
+            first = (
+                (title(effect["name"]), percent(effect["confidence"]), acts(effect, report)) if i == 0 else ("", "", "")
+            )
             rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
     return rows
 
@@ -509,7 +592,16 @@ def gap_rows(gap, report, size=length):
         closed = real(gap["closed_fraction"][key]) if "closed_fraction" in gap else math.nan
         spread = f"{100 * real(low):.0f} to {100 * real(high):.0f} %" if math.isfinite(real(low) + real(high)) else "-"
         spread = percent(low) if real(low) >= 0.995 else spread
-        rows.append((steps(key, report), size(before), size(gap["after"][key]), size(gap["noise_floor"][key]), percent(closed), spread))
+        rows.append(
+            (
+                steps(key, report),
+                size(before),
+                size(gap["after"][key]),
+                size(gap["noise_floor"][key]),
+                percent(closed),
+                spread,
+            )
+        )
     return rows
 
 
@@ -519,19 +611,24 @@ GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interv
 def print_summary(report, page):
     """The report on the terminal; page: where the HTML is."""
     _say()
-    _say(sentence(report))
+    _say(sentence(report), "bold")
     for aside in asides(report):
         _say(f"  {aside}")
     if report["effects"]:
-        results.print_table("Effects", ("effect", "parameter", "95 % interval", "sure", "acts", ""), effect_rows(report))
+        results.print_table(
+            "Effects", ("effect", "parameter", "95 % interval", "sure", "acts", ""), effect_rows(report)
+        )
     results.print_table("Gap, position", GAP_HEADERS, gap_rows(report["gap"], report))
     if "fresh" in report:
-        results.print_table("Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(report["fresh"]["gap"], report))
+        results.print_table(
+            "Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(report["fresh"]["gap"], report)
+        )
     open_ends = cannot_tell(report)
     if open_ends:
-        _say("What this log cannot tell")
+        _say("What this log cannot tell", "bold")
         for text in open_ends:
             _say(f"  {text}")
     for text in advice(report)[:1]:
-        _say(f"Next drive\n  {text}")
+        _say("Next drive", "bold")
+        _say(f"  {text}")
     _say(f"\nPage: {page}")

@@ -1,0 +1,279 @@
+"""The page and the terminal summary: what they say, for every kind of report, and that the page needs nothing else."""
+
+import base64
+import copy
+import json
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from tinykoop import results, sim
+from tinykoop.diagnose import diagnose, figures, page, words
+from tinykoop.diagnose.platform import Ddr
+
+DT = 0.05
+VOID = {"meta", "link", "br", "img", "input", "hr"}
+
+
+def make_log(rows, effects, seed, noise=0.005):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(np.column_stack([rng.uniform(0, 1.6, rows // 20), rng.uniform(-1, 1, rows // 20)]), 20, axis=0)
+    x = sim.simulate(u[:-1], DT, active=effects, integrator=sim.ARC)
+    x += noise * rng.standard_normal(x.shape)
+    return sim.Log(np.arange(len(x)) * DT, x, u, np.ones(len(x) - 1, bool), DT)
+
+
+@pytest.fixture(scope="module")
+def lag():
+    """A log with a lag, and a fresh one."""
+    effects = [sim.usual_effect("actuator_lag")]
+    result = diagnose(make_log(400, effects, 1), fresh=make_log(300, effects, 2))
+    result.report = {"log_file": "drives/<b>&.csv", "fresh_file": "drives/fresh.csv", **result.report}
+    return result
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return diagnose(make_log(300, [], 3))
+
+
+class Reader(HTMLParser):
+    """Collects text and addresses; fails on tags that do not close in order."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.open, self.text, self.addresses, self.tags = [], [], [], []
+        self.feed(html)
+        self.close()
+        assert not self.open
+        self.text = " ".join(" ".join(self.text).split())
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.addresses += [
+            value for name, value in attributes if name in ("src", "href", "xlink:href", "action", "data")
+        ]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open.pop() == tag, tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.text.append(data)
+
+
+def read(result):
+    return Reader(page.html(result).decode())
+
+
+def changed(result, **keys):
+    """A copy of a result with other keys in its report."""
+    other = copy.copy(result)
+    other.report = {**copy.deepcopy(result.report), **keys}
+    return other
+
+
+# ---- the page ------------------------------------------------------------------------------------
+
+
+def test_page_needs_nothing_else(lag, healthy):
+    for result in (lag, healthy):
+        html = page.html(result).decode()
+        reader = Reader(html)
+        assert all(address.startswith(("data:", "#")) for address in reader.addresses)
+        assert not re.search(r"@import|url\((?!#)|https?://", html)
+        assert "script" not in reader.tags and len(html) < 1.5e6
+
+
+def test_page_says_verdict_effects_and_fresh_log(lag, healthy):
+    for result in (lag, healthy):
+        text = read(result).text
+        assert words.sentence(result.report) in text
+        for aside in words.asides(result.report):
+            assert aside in text
+    assert lag.report["verdict"] == "known" and healthy.report["verdict"] == "none"
+    text = read(lag).text
+    assert "actuator lag" in text and "fresh.csv" in text and "On the fresh log" in text
+    assert "nothing fitted again" not in read(healthy).text
+
+
+def test_names_of_files_are_escaped(lag):
+    html = page.html(lag).decode()
+    assert "&lt;b&gt;&amp;.csv" in html and "<b>" not in html
+
+
+def test_page_of_every_verdict_and_of_a_report_read_back(lag, healthy, tmp_path):
+    for result in (lag, healthy):
+        for word in ("known", "none", "unknown"):
+            assert words.sentence(changed(result, verdict=word).report) in read(changed(result, verdict=word)).text
+        results.write_json(tmp_path / "r.json", result.report)
+        again = changed(result)
+        again.report = json.loads((tmp_path / "r.json").read_text())
+        assert page.html(again) == page.html(result)
+
+
+def test_page_without_figures_to_give(lag):
+    nothing = dict.fromkeys(("1", "10", "50"))
+    gap = {**lag.report["gap"], **dict.fromkeys(("before", "after", "noise_floor", "closed_fraction"), nothing)}
+    gap["ci95"] = dict.fromkeys(nothing, [None, None])
+    gap["heading_rad"] = dict.fromkeys(("before", "after", "noise_floor"), nothing)
+    contributions = {"actuator_lag": nothing, "yaw_gain": nothing}
+    for word in ("known", "none", "unknown"):
+        bare = changed(
+            lag, verdict=word, gap=gap, fresh={"gap": gap}, contributions=contributions, advice=None, not_testable=[]
+        )
+        bare.before = copy.copy(lag.before)
+        object.__setattr__(bare.before, "position", np.full_like(lag.before.position, np.nan))
+        text = read(bare).text
+        assert not re.search(r'="[^"]*\bnan', page.html(bare).decode())
+        assert "nan" not in re.findall(r"[a-z]+", text.lower()) and "too broken up" in text + "too broken up" * (
+            word == "unknown"
+        )
+
+
+def test_masked_log_is_drawn_with_gaps(lag):
+    masked = copy.copy(lag)
+    masked.log = copy.copy(lag.log)
+    masked.log.usable = lag.log.usable.copy()
+    masked.log.usable[::30] = False
+    rows, before, after = figures.predictions(masked)
+    assert rows.shape[1] == 30 and np.isfinite(before).all() and np.isfinite(after).all()
+    assert all(masked.log.usable[row[0] : row[-1]].all() for row in rows)
+    read(masked)
+
+
+def test_predictions_are_the_simulators(lag):
+    rows, before, after = figures.predictions(lag)
+    for k in (0, len(rows) // 2):
+        start, u = lag.log.x[rows[k, 0]], lag.log.u[rows[k, :-1]]
+        assert np.allclose(before[k], sim.simulate(u, DT, start, integrator=sim.ARC)[:, :2], atol=1e-9)
+    end = lag.log.x[rows[:, -1], :2]
+    assert np.linalg.norm(after[:, -1] - end, axis=1).max() < 0.3 * np.linalg.norm(before[:, -1] - end, axis=1).max()
+
+
+def test_advised_drive_can_be_taken_from_the_page(lag):
+    advised = changed(
+        lag, advice={"drive": "steps", "words": "steps of speed", "separation": {"a_b or c": 2.0, "d or not": 1e-9}}
+    )
+    advised.advice = ("steps", "steps of speed", np.tile([[0.5, -0.2]], (40, 1)), {})
+    reader = read(advised)
+    (address,) = [a for a in reader.addresses if a.startswith("data:text/csv")]
+    lines = base64.b64decode(address.split(",")[1]).decode().splitlines()
+    assert lines[0] == "t,v,omega" and lines[-1] == "1.95,0.5,-0.2" and len(lines) == 41
+    assert "It tells a b or c (2)" in reader.text and "does not settle d or not" in reader.text
+
+
+# ---- words ---------------------------------------------------------------------------------------
+
+
+def test_every_effect_of_the_library_has_words():
+    effects = Ddr().effects()
+    assert set(words.PHRASES) == set(effects)
+    for name, (_, spec) in effects.items():
+        for factor in (1.0, -1.0, 0.0):
+            effect = {"name": name, "params": {p.name: factor * p.usual for p in spec}}
+            assert " acts (" not in words.phrase(effect) and "nan" not in words.phrase(effect)
+
+
+def test_effect_without_words_is_named_with_its_parameters():
+    effect = {"name": "loose_screw", "params": {"play": 0.0123456, "n": 2.0}, "units": {"play": "m"}}
+    assert words.phrase(effect) == "loose screw acts (play = 0.0123 m, n = 2.00)"
+    assert words.phrase({"name": "actuator_lag", "params": {"other": 1.0}}).startswith("actuator lag acts")
+
+
+@pytest.mark.parametrize(
+    "value, text",
+    [
+        (0.4512, "0.45 m"),
+        (0.01513, "15 mm"),
+        (0.00996, "10 mm"),
+        (12.34, "12 m"),
+        (0.0, "0 mm"),
+        (None, "-"),
+        (math.nan, "-"),
+    ],
+)
+def test_length(value, text):
+    assert words.length(value) == text
+
+
+@pytest.mark.parametrize(
+    "part, text", [(0.994, "99 %"), (1.0, "over 99 %"), (0.001, "under 1 %"), (-0.3, "-30 %"), (None, "-")]
+)
+def test_percent_does_not_claim_all(part, text):
+    assert words.percent(part) == text
+
+
+def test_parameters_are_rounded_by_their_interval():
+    effect = {"params": {"tau": 0.300012, "B": 8.94, "C": 1.7, "D": 2.0}, "units": {"tau": "s"}, "at_bound": ["D"],
+              "params_ci95": {"tau": [0.29874, 0.30130], "B": [-5.0, 30.0], "C": [None, None], "D": [1.9, 2.0]}}  # fmt: skip
+    assert words.parameters(effect) == [
+        ("tau", "0.3000 s", "[0.2987, 0.3013]", []),
+        ("B", "9", "[-5, 30]", ["left open"]),
+        ("C", "1.70", "no interval", ["left open"]),
+        ("D", "2.00", "[1.90, 2.00]", ["at the edge of its range"]),
+    ]
+
+
+def test_what_is_open_is_said(lag):
+    one = {**lag.report["effects"][0], "segments": [[3.0, 8.5]], "at_bound": ["tau"], "confidence": 0.6}
+    left = {
+        **lag.report["unexplained"],
+        "matters": True,
+        "depends_on": [{"on": "v omega", "channel": "lateral", "share": 0.6}],
+    }
+    report = changed(
+        lag,
+        effects=[one],
+        unexplained=left,
+        not_testable=["dead_band"],
+        ambiguous_with={"actuator_lag": ["transport_delay", "transport_delay"]},
+    ).report
+    said = words.sentence(report)
+    assert (
+        "PARTLY" in said and "3.00 to 8.50 s" in said and said.count("transport delay") == 1 and "cannot tell" in said
+    )
+    assert "60 % sure" in " ".join(words.asides(report)) and "v omega (lateral error)" in " ".join(words.asides(report))
+    open_ends = " ".join(words.cannot_tell(report))
+    assert "NOT TESTABLE: dead band" in open_ends and "edge" in open_ends and "transport delay" in open_ends
+    report["verdict"] = "unknown"
+    assert "none of the known effects explains it" in words.sentence(report)
+    report["effects"] = []
+    assert words.sentence(report).startswith("Unknown: the simulator is off by")
+
+
+def test_no_percentage_near_the_noise(lag):
+    gap = {**lag.report["gap"], "closed_fraction": dict.fromkeys(("1", "10", "50"), math.nan)}
+    assert "no percentage" in words.sentence(changed(lag, gap=gap).report)
+
+
+def test_unknown_does_not_claim_more_than_it_explains(lag):
+    gap = {**lag.report["gap"], "closed_fraction": {"1": 1.0, "10": 1.0, "50": 1.0}}
+    left = {**lag.report["unexplained"], "share": 0.4, "matters": True}
+    assert " 60 % of the gap" in words.sentence(changed(lag, verdict="unknown", gap=gap, unexplained=left).report)
+
+
+def test_effects_that_harm_on_the_fresh_log_are_not_recommended(lag):
+    fresh = copy.deepcopy(lag.report["fresh"])
+    fresh["gap"]["closed_fraction"]["50"] = -0.2
+    assert "do not use them" in " ".join(words.asides(changed(lag, fresh=fresh).report))
+
+
+# ---- terminal ------------------------------------------------------------------------------------
+
+
+def test_summary_fits_on_a_screen(lag, healthy):
+    for result, least in ((lag, 12), (healthy, 6)):
+        with results.console.capture() as caught:
+            words.print_summary(result.report, "out/[red]report.html")
+        text = caught.get()
+        flat = " ".join(text.split())
+        assert " ".join(words.sentence(result.report).split()) in flat and "out/[red]report.html" in flat
+        assert least <= len([line for line in text.splitlines() if line.strip()]) <= 30

@@ -20,7 +20,7 @@ def parser():
         command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
         return command
 
-    demo = add("demo", "everything: learning, control, ablations, precision study, replay of real logs")
+    demo = add("demo", "everything: learning, control, ablations, precision study, one gap diagnosis, replay of real logs")
     demo.add_argument("--log", help="replay this log instead of those in --data")
     demo.add_argument("--data", default=ROOT.parent / "shared/data", help="folder of real logs")
     add("learn", "one-step learning of the DDR, the paper's table")

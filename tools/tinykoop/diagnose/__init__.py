@@ -6,7 +6,7 @@ where, advise -> diagnosis (the report) -> page (what people read).
 
 from ..results import output_folder, write_bytes, write_json
 from . import page, words
-from .diagnosis import diagnose, load
+from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
 
 
@@ -17,8 +17,9 @@ def run(path, out, fresh=None, platform="ddr", without=()):
     fresh_log = load(fresh, robot) if fresh else None
     out = output_folder(out)
     result = diagnose(log, robot, fresh_log, without)
+    # page and summary count seconds from the first row
     result.report = {"log_file": str(path), "fresh_file": str(fresh) if fresh else None, **result.report}
-    write_json(out / "report.json", result.report)
+    write_json(out / "report.json", in_log_time(result.report, float(log.t[0])))
     write_bytes(out / "report.html", page.html(result))
     words.print_summary(result.report, out / "report.html")
     return result

@@ -65,7 +65,7 @@ def _explained(platform, log, without, seed):
             skids.append(search.fitter.add("lateral_skid", best)[0])
         skid = min(skids, key=search.worth)
         other = _stepped(platform, log.dt, tried[0], skid.causes, SURE_ARTEFACT)
-        if other and search.worth(skid) < min(search.worth(best) if best is not skid else np.inf, search.worth(search.base)):
+        if other and search.worth(skid) < search.worth(search.base) and (best in skids or search.worth(skid) < search.worth(best)):
             tried.append(other)
             pieces = Pieces(platform, log, other)
             search = explain.begin(pieces, without, seed)
@@ -86,7 +86,8 @@ def _paying(search, fit, starts):
         sensor = noise.trusted(search.pieces, gates.generic)
         gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor))  # noqa: E731
         _, after, least = gaps(fit)
-        gates = verdict.stricter(gates, after[-1], least[-1])
+        j = int(np.flatnonzero(np.isfinite(after)).max(initial=0))
+        gates = verdict.stricter(gates, after[j], least[j])
         if not fit.causes:
             return fit, gates
         pays = []
@@ -147,6 +148,8 @@ def _effects(search, fit, proofs, log):
             interval = intervals[i + k]
             if not np.isfinite(interval).all():
                 interval = _threshold_interval(fitter, fit, i + k)
+            if cause.name == "lateral_skid":  # which integrator the robot is like, nothing tells then
+                interval = interval + 0.5 * log.dt / scale[k] * np.array([-1, 1])
             limits[parameter.name] = [float(value) for value in np.clip(interval, low[k], high[k]) * scale[k]]
             if cause.params[k] and (abs(cause.params[k] / scale[k] - low[k]) < HELD or abs(cause.params[k] / scale[k] - high[k]) < HELD):
                 held.append(parameter.name)
@@ -233,6 +236,13 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0, rows=None):
     if fresh is not None:
         _add_fresh(result, platform, integrator, fresh, seed)
     return result
+
+
+def in_log_time(report, t0):
+    """The report with segments in the log's own time, which need not begin at zero."""
+    effects = [effect | {"segments": [[a + t0, b + t0] for a, b in effect["segments"]]} for effect in report["effects"]]
+    where = report["where"] | {"segments": [[a + t0, b + t0, share] for a, b, share in report["where"]["segments"]]}
+    return report | {"effects": effects, "where": where}
 
 
 def _add_fresh(result, platform, integrator, fresh, seed):

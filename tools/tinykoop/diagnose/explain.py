@@ -1,9 +1,9 @@
 """From pieces to an explanation: noise, effects, phases, and noise again until all stand still."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from . import features, noise, phases
-from .fit import Fit, active
+from .fit import ALWAYS, Fit, active
 from .search import Search
 
 ROUNDS = 3
@@ -30,8 +30,22 @@ def _something_left(pieces, fit):
     return features.Generic(pieces, active(fit.causes)).significance() < SIGNIFICANT
 
 
+def _joined(fit):
+    """Fits' causes with two neighbouring segments of one joined, or one that acts all along."""
+    for i, cause in enumerate(fit.causes):
+        spans = cause.segments
+        wider = [ALWAYS] if spans != ALWAYS else []
+        wider += [(*spans[:j], (spans[j][0], spans[j + 1][1]), *spans[j + 2 :]) for j in range(len(spans) - 1)]
+        for segments in wider:
+            yield (*fit.causes[:i], replace(cause, segments=segments), *fit.causes[i + 1 :])
+
+
 def prune(search, fit):
-    """Takes causes out of a fit with segments while that is worth it."""
+    """Takes causes, and switches, out of a fit with segments while that is worth it."""
+    for causes in list(_joined(fit)):
+        simpler = search.fitter.refine(search.fitter.fit_of(causes), steps=2)
+        if search.worth(simpler) < search.worth(fit):
+            return prune(search, simpler)
     while len(fit.causes) > 1:
         fewer = [search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=3) for i in range(len(fit.causes))]
         best = min(fewer, key=search.worth)

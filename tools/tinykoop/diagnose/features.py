@@ -125,6 +125,7 @@ class _Basis:
         self.spread = np.zeros((len(F), good.sum()))  # coefficients from white amplitudes
         self.spread[keep] = vectors[:, good] / np.sqrt(values[good]) / size[keep, None]
         self.white = self.spread.T @ F
+        self.single = F / np.maximum(size, 1e-300)[:, None]
 
 
 class Generic:
@@ -143,6 +144,7 @@ class Generic:
         w = pieces.whiten(r).ravel()
         amplitudes = basis.white @ w
         self.coefficients = basis.spread @ amplitudes
+        self._alone = (basis.single @ w) ** 2
         self.part = np.tensordot(self.coefficients, self.raw, 1)
         self.left, self.residual = r - self.part, r
         self.gain, self.count = float(amplitudes @ amplitudes), len(amplitudes)
@@ -170,11 +172,9 @@ class Generic:
         return float(np.sqrt(max((found**2 - feigned).sum(-1).mean(), 0)))
 
     def depends(self):
-        """{what the rest depends on: share of it}, by what each group of features takes by itself."""
-        share = {}
-        for (name, channel), c, raw in zip(self.names, self.coefficients, self.raw):
+        """{(what, channel): share of the gain that this feature takes by itself}, the largest of each group first."""
+        alone = {}
+        for (name, channel), gain in zip(self.names, self._alone):
             group = dependence(name), CHANNELS[channel]
-            share[group] = share.get(group, 0) + c * raw[..., :2]
-        size = {group: float((part**2).sum()) for group, part in share.items()}
-        total = sum(size.values()) or 1.0
-        return {group: s / total for group, s in sorted(size.items(), key=lambda item: -item[1])}
+            alone[group] = max(alone.get(group, 0.0), float(gain / max(self.gain, 1e-12)))
+        return dict(sorted(alone.items(), key=lambda item: -item[1]))

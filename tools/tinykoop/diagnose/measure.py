@@ -55,8 +55,16 @@ def floor(noise, log, starts, horizons=HORIZONS):
 
 
 def rms(values, axis=0):
-    """Root mean square of what is there."""
-    return np.sqrt(np.nanmean(np.square(values), axis=axis)) if np.isfinite(values).any() else np.nan
+    """Root mean square of what is there, NaN of nothing."""
+    there = np.isfinite(values)
+    count = there.sum(axis)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(np.square(np.where(there, values, 0)).sum(axis) / count)
+
+
+def longest(windows):
+    """Index of the longest horizon that the log allows."""
+    return int(np.flatnonzero(np.isfinite(windows.position).any(0)).max(initial=0))
 
 
 def regions(pieces):
@@ -118,15 +126,16 @@ def gaps(before, after, least):
 
 def summary(before, after, least, seed=0):
     """The `gap` of the report: position in metres; heading beside it; intervals by a paired block bootstrap."""
-    series = np.stack([before.position, after.position, least[..., 0]]) ** 2  # (3, W, H)
-    whole = np.sqrt(np.nanmean(series, axis=1))
+    series = np.stack([before.position, after.position, least[..., 0]])  # (3, W, H)
+    series[:, ~np.isfinite(before.position)] = np.nan
+    whole = rms(series, axis=1)
     whole[2] = np.minimum(whole[2], whole[1])
     W = series.shape[1]
     block = max(1, W // 40)
     rng = np.random.default_rng(seed)
     firsts = rng.integers(0, max(W - block, 1), size=(RESAMPLED, -(-W // block)))
     index = (firsts[..., None] + np.arange(block)).reshape(RESAMPLED, -1) % W
-    drawn = np.sqrt(np.nanmean(series[:, index], axis=2))  # (3, R, H)
+    drawn = rms(series[:, index], axis=2)  # (3, R, H)
     drawn[2] = np.minimum(drawn[2], drawn[1])
     share = closed(*whole)
     spread = np.full((2, len(share)), np.nan)

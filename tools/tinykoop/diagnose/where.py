@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .measure import HORIZONS
+from .measure import HORIZONS, longest
 
 BINS = 4
 BLOCKS = 8
@@ -15,7 +15,7 @@ def _excess(errors, least):
 
 def channels(before, least, log):
     """Share of each body axis in the squared error above the noise, heading as the error it grows to in the window."""
-    j = len(HORIZONS) - 1
+    j = longest(before)
     starts = before.starts
     ends = np.minimum(starts + HORIZONS[j], len(log.x) - 1)
     half_way = 0.5 * np.sqrt(np.mean(np.sum((log.x[ends, :2] - log.x[starts, :2]) ** 2, axis=1)))
@@ -33,8 +33,9 @@ def segments(before, least, log, edges):
     """[(t0, t1, share of the squared error above the noise)] between the edges found, or in equal blocks."""
     rows = len(log.x)
     bounds = [0, *edges, rows] if edges else [rows * i // BLOCKS for i in range(BLOCKS + 1)]
-    excess = _excess(before.position[:, -1], least[:, -1, 0])
-    middle = np.minimum(before.starts + HORIZONS[-1] // 2, rows - 1)
+    j = longest(before)
+    excess = _excess(before.position[:, j], least[:, j, 0])
+    middle = np.minimum(before.starts + HORIZONS[j] // 2, rows - 1)
     part = np.searchsorted(bounds, middle, side="right") - 1
     size = np.bincount(part, excess, minlength=len(bounds) - 1)
     share = size / (size.sum() or 1.0)
@@ -44,7 +45,8 @@ def segments(before, least, log, edges):
 
 def regions(before, least, log, u):
     """Kinds of driving with more than their share of the gap, worst first."""
-    starts, H = before.starts, HORIZONS[-1]
+    j, starts = longest(before), before.starts
+    H = HORIZONS[j]
     ends = np.minimum(starts + H, len(u) - 1)
     mean = lambda values: np.array([values[a:b].mean() if b > a else values[a] for a, b in zip(starts, ends)])  # noqa: E731
     v, w = u.T
@@ -61,7 +63,7 @@ def regions(before, least, log, u):
         "position x": (log.x[starts, 0], "m"),
         "position y": (log.x[starts, 1], "m"),
     }
-    excess = _excess(before.position[:, -1], least[:, -1, 0])
+    excess = _excess(before.position[:, j], least[:, j, 0])
     whole = excess.mean() or 1.0
     out = []
     for name, (values, unit) in variables.items():

@@ -86,8 +86,7 @@ def _paying(search, fit, starts):
         sensor = noise.trusted(search.pieces, gates.generic)
         gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor))  # noqa: E731
         _, after, least = gaps(fit)
-        j = int(np.flatnonzero(np.isfinite(after)).max(initial=0))
-        gates = verdict.stricter(gates, after[j], least[j])
+        gates = verdict.stricter(gates, *measure.typical(*measure.errors(search.fitter, fit, starts, sensor)))
         if not fit.causes:
             return fit, gates
         pays = []

@@ -11,7 +11,8 @@ import numpy as np
 from ..sim import Effect
 
 RAY = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)  # all parameters of an effect together
-COORDINATE = (0.0, 0.25, 0.5, 0.75, 1.4, 2.0, 4.0)  # then each by itself
+COORDINATE = (0.0, 0.25, 0.5, 0.75, 1.4, 2.0, 4.0)  # then each by itself,
+FINE = (0.15, 0.2, 0.3, 0.35, 0.4, 0.6, 0.9, 1.15, 2.8)  # and these too where there are few
 PATTERN = (0.5, 0.2, 0.08, 0.03, 0.01)
 ALWAYS = ((-np.inf, np.inf),)
 MANY, GUESS = 3, 0.5  # effects of so many parameters are curves: each is guessed at its usual value, give or take half
@@ -197,10 +198,12 @@ class Fitter:
         if len(cause.params) == 1:
             return fit
         low, _ = self.bounds(cause)
+        factors = COORDINATE if len(cause.params) >= MANY else (*COORDINATE, *FINE)
         for i in range(len(cause.params)):
-            for factor in (*COORDINATE, *((-1.0,) if low[i] < 0 else ())):
+            at = fit.causes[-1].params[i] / self.scale(cause)[i] or 1.0
+            for factor in (*factors, *((-1.0,) if low[i] < 0 else ())):
                 z = self.vector((fit.causes[-1],))
-                z[i] = z[i] * factor if z[i] else factor
+                z[i] = at * factor
                 trial = self.fit_of((*rest, self.at(cause, z)))
                 if trial.cost < fit.cost:
                     fit = trial

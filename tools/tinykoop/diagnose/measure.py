@@ -11,6 +11,7 @@ HORIZONS = (1, 10, 50)
 WINDOWS = 400  # at most, spread over the log
 FOLDS = 4
 RESAMPLED = 400
+USUAL = 0.95  # share of the windows that are not among the worst
 WORTH_A_PERCENTAGE = 0.15  # of the noise floor that a gap must stand out by
 
 
@@ -122,6 +123,14 @@ def closed(before, after, least):
 def gaps(before, after, least):
     """RMS position error (3, H), m: before, after, floor."""
     return np.stack([rms(before.position), rms(after.position), rms(least[..., 0])])
+
+
+def typical(before, after, least):
+    """(RMS position error after, floor), m, at the longest horizon, without the worst windows: outliers prove nothing."""
+    j = longest(before)
+    errors = after.position[:, j]
+    usual = errors <= np.nanquantile(errors, USUAL) if np.isfinite(errors).any() else slice(0)
+    return float(rms(errors[usual])), float(rms(least[usual, j, 0]))
 
 
 def summary(before, after, least, seed=0):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import ruptures
 
-from . import features
+from . import features, noise
 from .fit import active
 from .pieces import Pieces
 from .search import Search
@@ -85,9 +85,18 @@ def merge(search, edges, without):
     """The best fit whose effects act in some of the parts only; None if no part has an effect."""
     pieces, fitter = search.pieces, search.fitter
     bounds = [0, *edges, len(pieces.log.x)]
+    # what happens at an edge, a jump of the measured pose for one, is nobody's noise
+    calm = Pieces(pieces.platform, pieces.log, pieces.integrator, avoid=edges)
+    if len(calm.starts) < len(bounds):
+        return None
+    calm.set_noise(pieces.noise)
+    noise.estimate(calm, weigh=False)
+    pieces.set_noise(calm.noise, 1.0)
+    within = Search(calm, without, search.seed)
+    within.price = search.price
     found = {}
     for first, last in zip(bounds[:-1], bounds[1:]):
-        own = _part(pieces, first, last)
+        own = _part(calm, first, last)
         if own is None or len(own.starts) < 2:
             continue
         mine = Search(own, without, search.seed)
@@ -101,13 +110,13 @@ def merge(search, edges, without):
         return None
     times = [row * pieces.log.dt for row in bounds]
     times[-1] = len(pieces.log.x) * pieces.log.dt
-    fit = _assign(search, causes, bounds, times)
+    fit = _assign(within, causes, bounds, times)
     for _ in range(2):
-        fit = fitter.refine(fit, steps=4)
-        fit = _assign(search, fit.causes, bounds, times)
-    fit = fitter.restart(fitter.refine(fit, steps=4))
-    fit = _toggle(search, fit, times)
-    fit = fitter.refine(edge_search(fitter, fit), steps=4)
+        fit = within.fitter.refine(fit, steps=4)
+        fit = _assign(within, fit.causes, bounds, times)
+    fit = within.fitter.restart(within.fitter.refine(fit, steps=4))
+    fit = _toggle(within, fit, times)
+    fit = fitter.refine(edge_search(fitter, fitter.fit_of(fit.causes)), steps=4)
     return edge_search(fitter, fit, NEAR)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 ROWS, MOST_ROWS, SECONDS = 50, 150, 2.5  # of a piece: the longest horizon that is reported, and long enough for slow effects
+AVOIDED = 10  # rows on either side of one where something changes
 FEWEST = 6  # rows that are worth a piece: three go into its start
 SETTLE = 8  # pieces from which on the first is left out: how actuators stood before the log began is not known
 MOST = 7500  # rows of a long log, in pieces evenly spread
@@ -56,12 +57,15 @@ class Pieces:
     """Residuals of a log in pieces; whiten() makes white noise of unit variance of them.
 
     Shapes: S pieces of up to L rows, 3 channels (along and across the heading at the start, m;
-    heading, rad). Rows beyond a piece's end are zero everywhere.
+    heading, rad). Rows beyond a piece's end are zero everywhere. avoid: rows that no piece comes near.
     """
 
-    def __init__(self, platform, log, integrator, rows=None):
+    def __init__(self, platform, log, integrator, rows=None, avoid=()):
         self.platform, self.log, self.integrator = platform, log, integrator
-        self.starts, self.lengths = cut(log.usable, rows or usual_rows(log.dt))
+        whole = log.usable.copy()
+        for row in avoid:
+            whole[max(row - AVOIDED, 0) : row + AVOIDED] = False
+        self.starts, self.lengths = cut(whole, rows or usual_rows(log.dt))
         self.L = int(self.lengths.max())
         self.steps = np.arange(1, self.L)
         self.inside = np.arange(self.L) < self.lengths[:, None]  # (S, L)

@@ -28,6 +28,7 @@ class Gate:
     generic: Generic
     before: float  # m, without noise
     after: float
+    moved: float  # m that the causes make of it
     smallest: float  # m
 
     @property
@@ -54,7 +55,7 @@ def gate(pieces, causes, horizon=50):
     left = after.gap(horizon)
     changed = (before.residual - after.residual)[:, horizon, :2][pieces.inside[:, horizon]]
     moved = float(np.sqrt((changed**2).sum(-1).mean())) if len(changed) else 0.0
-    return Gate(after, max(before.gap(horizon), np.hypot(moved, left) if causes else 0.0), left, smallest)
+    return Gate(after, max(before.gap(horizon), np.hypot(moved, left) if causes else 0.0), left, moved, smallest)
 
 
 def stricter(gates, after, floor):
@@ -65,7 +66,7 @@ def stricter(gates, after, floor):
 
 def verdict(fit, gates):
     """The word of the contract."""
-    if gates.before < gates.smallest:
+    if gates.before < gates.smallest or (gates.moved < gates.smallest and not gates.fails):
         return "none"
     if gates.fails and (gates.share > UNEXPLAINED or not fit.causes):
         return "unknown"

@@ -71,9 +71,17 @@ static int check_windows(const tk_recording *log, size_t n_starts, const int64_t
 	return TK_OK;
 }
 
-/* The path over the whole log; the actuators' states go on through gaps. */
-static int travel(ddr *robot, const tk_recording *log, place *path) {
-	for (size_t k = 0; k + 1 < log->rows; k++) {
+static int64_t longest_of(size_t n_steps, const int64_t *steps) {
+	int64_t longest = 0;
+	for (size_t j = 0; j < n_steps; j++) { longest = steps[j] > longest ? steps[j] : longest; }
+	return longest;
+}
+
+/* The path from row `first` to row `final`. The actuators are rolled from the log's
+ * first row, through gaps too. */
+static int travel(ddr *robot, const tk_recording *log, size_t first, size_t final, place *path) {
+	for (size_t k = 0; k < first; k++) { ddr_next(robot, log->u + 2 * k); }
+	for (size_t k = first; k < final; k++) {
 		ddr_motion motion = ddr_next(robot, log->u + 2 * k);
 		path[k + 1] = path[k];
 		for (size_t i = 0; i < 2; i++) {
@@ -85,8 +93,7 @@ static int travel(ddr *robot, const tk_recording *log, place *path) {
 	for (size_t k = log->rows; k-- > 0;) {
 		path[k].last = k + 1 < log->rows && usable(log, k) ? path[k + 1].last : k;
 	}
-	const place *final = &path[log->rows - 1];
-	if (!all_finite(final->pose, 3) || !all_finite(final->drift, 2)) {
+	if (!all_finite(path[final].pose, 3) || !all_finite(path[final].drift, 2)) {
 		return fail("prediction left the finite numbers: check effect parameters and commands");
 	}
 	return TK_OK;
@@ -157,8 +164,15 @@ int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const
 	ddr *robot =
 	    ddr_open(effects, n_effects, integrator, log->dt, (double)(log->rows - 1) * log->dt, nowhere);
 	if (!robot) { return TK_ERROR; }
+	size_t first = log->rows - 1, final = 0;
+	for (size_t i = 0; i < n_starts; i++) {
+		const size_t start = (size_t)starts[i], end = start + (size_t)longest_of(n_steps, steps);
+		first = start < first ? start : first;
+		final = end > final ? end : final;
+	}
+	final = final < log->rows ? final : log->rows - 1;
 	place *path = calloc(log->rows, sizeof *path);
-	const int status = path ? travel(robot, log, path) : fail("out of memory");
+	const int status = path ? travel(robot, log, first, final, path) : fail("out of memory");
 	for (size_t i = 0; status == TK_OK && i < n_starts; i++) {
 		const size_t out = 3 * n_steps * i;
 		run(robot, log, path, (size_t)starts[i], n_steps, steps, predicted ? predicted + out : NULL,

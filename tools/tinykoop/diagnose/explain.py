@@ -62,7 +62,7 @@ def _phased(pieces, first, without, seed):
         return edges, None, None
     search = Search(pieces, without, seed)
     search.singles()
-    fit = phases.merge(search, edges, without)
+    fit, again = phases.merge(search, edges, without), None
     for _ in range(ROUNDS):
         if fit is None:
             break
@@ -71,9 +71,11 @@ def _phased(pieces, first, without, seed):
         search.rebase()
         fit = prune(search, phases.edge_search(search.fitter, search.fitter.refine(search.fitter.fit_of(fit.causes))))
         # a change that a larger one hid shows once that is explained
-        hidden = phases.parts(pieces, fit.causes) if _something_left(pieces, fit) else []
+        always = search.fitter.fit_of(first.causes).cost
+        large = always - fit.cost > phases.MOSTLY * (always - pieces.degrees)
+        hidden = phases.parts(pieces, fit.causes) if large and _something_left(pieces, fit) else []
         more = sorted({*edges, *(row for row in hidden if min(abs(row - edge) for edge in edges) > phases.APART)})
-        if more != edges:
+        if more != edges and again is None:
             edges = more
             again = phases.merge(search, edges, without)
             if again and search.worth(again) < search.worth(fit):

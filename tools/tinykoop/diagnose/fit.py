@@ -122,13 +122,14 @@ class Fitter:
         """Damped Gauss-Newton from where `fit` is, then a pattern search for what has no gradient."""
         if not fit.causes:
             return fit
-        damping = 1e-3
+        damping, rough = 1e-3, np.zeros(len(self.vector(fit.causes)), bool)
         low = np.concatenate([self.bounds(c)[0] for c in fit.causes])
         high = np.concatenate([self.bounds(c)[1] for c in fit.causes])
         for _ in range(steps):
             J = self.jacobian(fit)
             z, guess = self.vector(fit.causes), self.guess(fit.causes)
             gram, slope = J.T @ J + np.diag(guess), J.T @ fit.left + guess * (z - 1)
+            rough |= (J**2).sum(0) < 1e-9
             held = ((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < 1e-9)
             free = ~held
             if not free.any():
@@ -144,17 +145,16 @@ class Fitter:
                     fit, damping = trial, damping / 5
                     break
                 damping *= 8
+            else:  # a kink: no step along the slope helps, though there is one
+                rough |= np.abs(slope * move) > 1
             if before - self.objective(fit) < max(1e-4 * before, 0.02):
                 break
-        return self.pattern(fit) if self._rough(fit) else fit
+        return self.pattern(fit, np.flatnonzero(rough))
 
-    def _rough(self, fit):
-        return any(len(c.params) > 1 or np.any(np.abs(self.jacobian(replace(fit, causes=(c,)))).sum(0) < 1e-9) for c in fit.causes)
-
-    def pattern(self, fit, sizes=PATTERN):
-        """Tries every parameter a little larger and smaller, in ever smaller steps."""
+    def pattern(self, fit, which, sizes=PATTERN):
+        """Tries each parameter of `which` a little larger and smaller, in ever smaller steps."""
         for size in sizes:
-            for i, z in enumerate(self.vector(fit.causes)):
+            for i in which:
                 for factor in (1 + size, 1 / (1 + size)):
                     moved = self.vector(fit.causes)
                     moved[i] = moved[i] * factor

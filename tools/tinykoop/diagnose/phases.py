@@ -17,7 +17,8 @@ from .search import Search
 
 SHORT = 20  # rows of the pieces that changes are looked for in
 FEWEST = 4  # of them in a part
-MOST_PARTS = 8
+MOST_PARTS = 7
+MOSTLY = 0.5  # of what effects that act all along leave must go, before further changes are looked for
 APART = 30  # rows between two edges that are not the same
 FAR, NEAR = 120, 12  # rows, by which an edge is moved
 FEW = ("constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega", "heading, sine", "heading, cosine")
@@ -65,7 +66,7 @@ def parts(pieces, causes=(), strictness=1.6):
 
 
 def _part(pieces, first, last):
-    """The pieces that begin in rows first..last."""
+    """The pieces that lie in rows first..last."""
     return pieces.only((pieces.starts >= first) & (pieces.starts + pieces.lengths // 2 < last))
 
 

@@ -46,8 +46,10 @@ def prune(search, fit):
         simpler = search.fitter.refine(search.fitter.fit_of(causes), steps=2)
         if search.worth(simpler) < search.worth(fit):
             return prune(search, simpler)
+    fitter = search.fitter
     while len(fit.causes) > 1:
-        fewer = [search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=3) for i in range(len(fit.causes))]
+        rests = [fit.causes[:i] + fit.causes[i + 1 :] for i in range(len(fit.causes))]
+        fewer = [fitter.refine(phases.edge_search(fitter, fitter.refine(fitter.fit_of(rest), steps=3)), steps=3) for rest in rests]
         best = min(fewer, key=search.worth)
         if search.worth(best) > search.worth(fit):
             break

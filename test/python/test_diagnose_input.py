@@ -81,7 +81,9 @@ def refused(answer, *says):
 
 
 def table(change):
-    rows = [[f"{value:.10g}" for value in row] for row in np.column_stack([np.arange(ROWS) * DT, poses(drive()), drive()])]
+    rows = [
+        [f"{value:.10g}" for value in row] for row in np.column_stack([np.arange(ROWS) * DT, poses(drive()), drive()])
+    ]
     return "\n".join(",".join(row) for row in change([["t", "px", "py", "theta", "v", "omega"], *rows])) + "\n"
 
 
@@ -128,7 +130,9 @@ def test_command_by_itself(tmp_path):
     """In a process of its own: nothing but the line."""
     root = Path(__file__).resolve().parents[2]
     command = [sys.executable, "-m", "tinykoop.cli", "diagnose", "missing.csv", "--out", str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env={"PYTHONPATH": str(root / "tools")})
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=tmp_path, env={"PYTHONPATH": str(root / "tools")}
+    )
     assert done.returncode == 2 and done.stdout == ""
     refused((done.returncode, done.stderr, None), "missing.csv")
 
@@ -143,13 +147,11 @@ def test_folder_that_cannot_be_written(tinykoop, tmp_path):
     refused(tinykoop(good, "--out", good / "below"), "good.csv")
 
 
-@pytest.mark.xfail(strict=True, reason="a name that is no effect is ignored: a misspelt --without does nothing and says nothing")
 def test_unknown_name_in_without(tinykoop, tmp_path):
     good = write(tmp_path / "good.csv", poses(drive()), drive())
     refused(tinykoop(good, "--without", "speed_gian"), "speed_gian")
 
 
-@pytest.mark.xfail(strict=True, reason="with every effect taken out: ValueError in Search.singles")
 def test_everything_taken_out(tinykoop, tmp_path):
     """A healthy robot still is one; the gap of another is unknown."""
     everything = [word for name in sim.effects() if name != "measurement_noise" for word in ("--without", name)]
@@ -173,10 +175,8 @@ def sure(report, but=()):
 
 @pytest.mark.parametrize("rows", [3, 5, 7, 12])
 @pytest.mark.parametrize("fresh", [False, True], ids=["log", "fresh"])
-def test_segments_of_few_rows(rows, fresh, tinykoop, tmp_path, request):
+def test_segments_of_few_rows(rows, fresh, tinykoop, tmp_path):
     """400 rows in segments of a few: a report, or a refusal in one line."""
-    if rows < 6:
-        request.applymarker(pytest.mark.xfail(strict=True, reason="no piece has 6 rows: ValueError in Pieces"))
     log = write(tmp_path / "log.csv", poses(drive()), drive(), seg=np.arange(ROWS) // rows)
     good = write(tmp_path / "good.csv", poses(drive()), drive())
     status, error, report = answer = tinykoop(good, "--fresh", log) if fresh else tinykoop(log)
@@ -193,7 +193,6 @@ def test_short_log(rows, name, tinykoop, tmp_path):
     assert not sure(report, (name, *others(report, name))), report["effects"]
 
 
-@pytest.mark.xfail(strict=True, reason="healthy logs of 75 rows are `unknown` about every other time: noise estimated too small")
 def test_short_healthy_logs(tinykoop, tmp_path):
     for seed in range(8):
         u = drive(75, seed)
@@ -217,25 +216,19 @@ def test_robot_that_never_turns(names, tinykoop, tmp_path):
     assert {"yaw_gain", "lateral_skid"} <= set(report["not_testable"])
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        (),
-        pytest.param(("yaw_gain",), marks=pytest.mark.xfail(strict=True, reason="a gap in heading alone is `none`: only position is looked at")),
-    ],
-)
+@pytest.mark.parametrize("names", [(), ("yaw_gain",)])
 def test_robot_that_only_turns(names, tinykoop, tmp_path):
     u = drive() * (0, 1)
     _, _, report = tinykoop(write(tmp_path / "log.csv", poses(u, names), u))
-    assert report["verdict"] == ("known" if names else "none") and [e["name"] for e in report["effects"]] == list(names)
+    assert report["verdict"] == ("known" if names else "none") and len(report["effects"]) == len(names)
+    # on the spot a slow clock is a slow turn
+    assert all(e["name"] in names or e["name"] in others(report, *names) for e in report["effects"])
     assert "speed_gain" in report["not_testable"]
 
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-2, 1.0, 10.0])
-def test_sampling_times(dt, tinykoop, tmp_path, request):
+def test_sampling_times(dt, tinykoop, tmp_path):
     """At 0.1 ms the whole log lasts 40 ms: nothing can be seen in it."""
-    if dt == 10.0:
-        request.applymarker(pytest.mark.xfail(strict=True, reason="a drive of 40 s to advise has four rows: ValueError in Pieces"))
     u = drive(100 if dt < 1e-3 else ROWS)
     _, _, report = tinykoop(write(tmp_path / "log.csv", poses(u, ("speed_gain",), dt), u, dt))
     assert not sure(report, ("speed_gain", *others(report, "speed_gain")))
@@ -269,7 +262,9 @@ def test_ignored_columns(tinykoop, tmp_path):
     x, noise = poses(drive(), ("speed_gain",)), np.random.default_rng(0).normal(size=(ROWS, 2))
     path = tmp_path / "log.csv"
     plain = tinykoop(write(path, x, drive()))[2]
-    more = tinykoop(write(path, x, drive(), battery=noise[:, 0], seg=np.zeros(ROWS), gyro=noise[:, 1], pose_ok=np.ones(ROWS)))[2]
+    more = tinykoop(
+        write(path, x, drive(), battery=noise[:, 0], seg=np.zeros(ROWS), gyro=noise[:, 1], pose_ok=np.ones(ROWS))
+    )[2]
     assert plain == more
 
 
@@ -311,16 +306,11 @@ STRANGE = {
     jump: (), random_poses: FEIGNED, huge_poses: (), random_commands: (), huge_commands: FEIGNED,
     stuck_pose: FEIGNED, stuck_heading: FEIGNED, every_fourth_pose: ("transport_delay",),
 }  # fmt: skip
-OPEN = {
-    stuck_heading: "`known`, with a confidence of 0.07: a channel without noise outweighs the others",
-}
 
 
 @pytest.mark.parametrize("change", STRANGE)
-def test_strange_log(change, tinykoop, tmp_path, request):
+def test_strange_log(change, tinykoop, tmp_path):
     """Nothing sure but what may be said of it; and `known` is not said of what nobody believes."""
-    if change in OPEN:
-        request.applymarker(pytest.mark.xfail(strict=True, reason=OPEN[change]))
     x, u = poses(drive()), drive()
     change(x, u, np.random.default_rng(1))
     _, _, report = tinykoop(write(tmp_path / "log.csv", x, u))
@@ -328,7 +318,6 @@ def test_strange_log(change, tinykoop, tmp_path, request):
     assert report["verdict"] != "known" or min(e["confidence"] for e in report["effects"]) > 0.1, report["effects"]
 
 
-@pytest.mark.xfail(strict=True, reason="no noise and no motion: ZeroDivisionError in Generic.significance")
 def test_pose_that_freezes(tinykoop, tmp_path):
     x, u = poses(drive(600)), drive(600)
     stuck_pose(x, u, None)

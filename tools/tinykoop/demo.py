@@ -37,4 +37,6 @@ def run(out, data, log=None):
     logs = [log] if log else [Path(data) / name for name in REAL_LOGS if (Path(data) / name).exists()]
     for path in logs:
         replay.run_log(path, out)
-    console.print(f"\nResults and plots are in {out}: start with learn_error.png, windup_lanes.png and diagnose/report.html")
+    console.print(
+        f"\nResults and plots are in {out}: start with learn_error.png, windup_lanes.png and diagnose/report.html"
+    )

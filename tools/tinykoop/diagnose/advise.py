@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from .. import sim
-from .fit import Fitter, active
+from .fit import Fitter
 from .pieces import Pieces
 
-SECONDS = 40.0
+SECONDS, FEWEST_ROWS = 40.0, 200
 PAIRS = 6  # that are to be told apart, at most
 
 
@@ -19,10 +19,10 @@ def _steps(values, dt, rows):
 
 def drives(u, dt):
     """{name: (words, commands (K, 2))}: a menu in the range of speeds that the log shows."""
-    rows = int(SECONDS / dt)
+    rows = max(int(SECONDS / dt), FEWEST_ROWS)
     v, w = max(np.abs(u[:, 0]).max(), 0.2), max(np.abs(u[:, 1]).max(), 0.2)
     t = np.arange(rows) * dt
-    ramp = np.abs((t / SECONDS * 4) % 2 - 1) * 2 - 1  # triangles through zero
+    ramp = np.abs((t / t[-1] * 4) % 2 - 1) * 2 - 1  # triangles through zero
     chirp = np.sin(2 * np.pi * (0.05 + 0.02 * t) * t)
     square = [(v, 0), (0.3 * v, w), (v, 0), (0.3 * v, w), (v, 0), (0.3 * v, -w), (v, 0), (0.3 * v, -w)]
     starts = [(v, 0), (0, 0), (v, w), (0, 0), (-0.5 * v, 0), (0, 0), (v, -w), (0, 0)]
@@ -32,7 +32,10 @@ def drives(u, dt):
         "square both ways": ("a square, left round and then right round", _steps(square, dt, rows)),
         "full steps": ("full-speed steps from standstill, straight, turning and backwards", _steps(starts, dt, rows)),
         "reversals": ("yaw reversals at steady speed", _steps(turns, dt, rows)),
-        "slow ramp": ("slow ramps of speed and yaw rate through zero", np.stack([v * ramp, w * np.roll(ramp, rows // 8)], 1)),
+        "slow ramp": (
+            "slow ramps of speed and yaw rate through zero",
+            np.stack([v * ramp, w * np.roll(ramp, rows // 8)], 1),
+        ),
         "chirp": ("chirps on speed and yaw rate", np.stack([0.5 * v * (1 + chirp), w * np.roll(chirp, rows // 7)], 1)),
         "speed levels": ("circles of both directions at four speeds", _steps(speeds, dt, rows)),
     }

@@ -8,12 +8,13 @@ from .. import sim
 from ..errors import UserError
 from . import advise, explain, features, measure, noise, verdict, where
 from .fit import active
-from .pieces import Pieces
+from .pieces import FEWEST, Pieces, cut, usual_rows
 from .platform import PLATFORMS
 
 FEWEST_ROWS = 60
 ARTEFACT, SURE_ARTEFACT = 0.2, 0.08  # of half a step, to which a lateral skid is the integrator's; at first sight
 PAYS, PAYS_AT_LEAST = 0.1, 0.1  # a cause must close that much: of the gap above the floor; of the smallest that matters
+BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
 HELD = 1e-3  # of its usual value, to which a parameter counts as at its bound
 
 
@@ -37,7 +38,11 @@ def load(path, platform):
     """A log that is long enough to say something about."""
     log = sim.read_log(path, platform.name)
     if log.usable.sum() < FEWEST_ROWS:
-        raise UserError(f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least")
+        raise UserError(
+            f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least"
+        )
+    if not len(cut(log.usable, usual_rows(log.dt))[0]):
+        raise UserError(f"{path}: nowhere are {FEWEST} rows in a row usable; record it with fewer gaps")
     if not np.any(np.abs(np.diff(log.x, axis=0)) > 0):
         raise UserError(f"{path}: the pose never changes; record a drive in which the robot moves")
     return log
@@ -65,7 +70,11 @@ def _explained(platform, log, without, seed):
             skids.append(search.fitter.add("lateral_skid", best)[0])
         skid = min(skids, key=search.worth)
         other = _stepped(platform, log.dt, tried[0], skid.causes, SURE_ARTEFACT)
-        if other and search.worth(skid) < search.worth(search.base) and (best in skids or search.worth(skid) < search.worth(best)):
+        if (
+            other
+            and search.worth(skid) < search.worth(search.base)
+            and (best in skids or search.worth(skid) < search.worth(best))
+        ):
             tried.append(other)
             pieces = Pieces(platform, log, other)
             search = explain.begin(pieces, without, seed)
@@ -83,8 +92,9 @@ def _paying(search, fit, starts):
     """(fit, gate) without the causes that do not pay on rows they were not fitted on."""
     while True:
         gates = verdict.gate(search.pieces, fit.causes)
-        sensor = noise.trusted(search.pieces, gates.generic)
-        gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor))  # noqa: E731
+        sensor = noise.for_floor(search.pieces, gates.generic)
+        heading = gates.channels != features.POSITION
+        gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor), heading)  # noqa: E731
         _, after, least = gaps(fit)
         gates = verdict.stricter(gates, *measure.typical(*measure.errors(search.fitter, fit, starts, sensor)))
         if not fit.causes:
@@ -150,7 +160,9 @@ def _effects(search, fit, proofs, log):
             if cause.name == "lateral_skid":  # which integrator the robot is like, nothing tells then
                 interval = interval + 0.5 * log.dt / scale[k] * np.array([-1, 1])
             limits[parameter.name] = [float(value) for value in np.clip(interval, low[k], high[k]) * scale[k]]
-            if cause.params[k] and (abs(cause.params[k] / scale[k] - low[k]) < HELD or abs(cause.params[k] / scale[k] - high[k]) < HELD):
+            if cause.params[k] and (
+                abs(cause.params[k] / scale[k] - low[k]) < HELD or abs(cause.params[k] / scale[k] - high[k]) < HELD
+            ):
                 held.append(parameter.name)
         i += len(spec)
         out.append(
@@ -175,7 +187,12 @@ def _contributions(search, fit, proofs, starts):
     whole = measure.rms(measure.windows(*arguments, fit.causes, starts).position)
     keys = [str(H) for H in measure.HORIZONS]
     return {
-        str(cause.name): dict(zip(keys, map(float, measure.rms(measure.windows(*arguments, proof.without.causes, starts).position) - whole)))
+        str(cause.name): dict(
+            zip(
+                keys,
+                map(float, measure.rms(measure.windows(*arguments, proof.without.causes, starts).position) - whole),
+            )
+        )
         for cause, proof in zip(fit.causes, proofs)
     }
 
@@ -183,18 +200,24 @@ def _contributions(search, fit, proofs, starts):
 def diagnose(log, platform=None, fresh=None, without=(), seed=0, rows=None):
     """The Diagnosis of a log (sim.Log); fresh: another log of the robot, on which nothing is fitted."""
     platform = platform or PLATFORMS["ddr"]()
+    effects = platform.effects()
+    for name in without:
+        if name not in effects:
+            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(effects)}")
     pieces, found = _explained(platform, log, without, seed)
     fit, search, integrator = found.fit, found.search, pieces.integrator
     starts = measure.starts_of(log)
     fit, gates = _paying(search, fit, starts)
     word = verdict.verdict(fit, gates)
-    if word == "none":
-        fit = search.fitter.fit_of(())
     proofs = verdict.evidence(search, fit, gates)
+    if word == "known" and max(proof.confidence for proof in proofs) < BELIEVED:
+        word = "unknown" if gates.fails else "none"
+    if word == "none":
+        fit, proofs = search.fitter.fit_of(()), []
     order = sorted(range(len(proofs)), key=lambda i: -proofs[i].worth)
     fit = search.fitter.fit_of(tuple(fit.causes[i] for i in order))
     proofs = [proofs[i] for i in order]
-    before, after, least = measure.errors(search.fitter, fit, starts, noise.trusted(pieces, gates.generic))
+    before, after, least = measure.errors(search.fitter, fit, starts, noise.for_floor(pieces, gates.generic))
     blind_to = verdict.untestable(search, fit)
     pairs = [(cause, rival) for cause, proof in zip(fit.causes, proofs) for rival in proof.ambiguous]
     advice = advise.advise(search, fit, pairs, blind_to)
@@ -215,6 +238,7 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0, rows=None):
         "not_testable": blind_to,
         "contributions": _contributions(search, fit, proofs, starts),
         "unexplained": {
+            "unit": "m" if gates.channels == features.POSITION else "rad",
             "gap_m": gates.after,
             "of_gap_m": gates.before,
             "smallest_that_matters_m": gates.smallest,
@@ -249,7 +273,7 @@ def _add_fresh(result, platform, integrator, fresh, seed):
     pieces = Pieces(platform, fresh, integrator)
     pieces.set_noise(noise.third_differences(fresh))
     noise.estimate(pieces, active(result.fit.causes))
-    sensor = noise.trusted(pieces, features.Generic(pieces, active(result.fit.causes)))
+    sensor = noise.for_floor(pieces, features.Generic(pieces, active(result.fit.causes)))
     starts = measure.starts_of(fresh)
     parts = [measure.windows(platform, fresh, integrator, causes, starts) for causes in ((), result.fit.causes)]
     least = measure.floor(sensor, fresh, starts)

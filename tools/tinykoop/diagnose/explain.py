@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass, replace
 
-from . import features, noise, phases
+from . import features, noise, phases, verdict
 from .fit import ALWAYS, Fit, active
 from .search import Search
 
 ROUNDS = 3
 STILL = 0.05  # change of the noise that calls for another round
-SIGNIFICANT = 1e-3
 
 
 @dataclass
@@ -27,7 +26,7 @@ def _moved(old, new):
 
 
 def _something_left(pieces, fit):
-    return features.Generic(pieces, active(fit.causes)).significance() < SIGNIFICANT
+    return features.Generic(pieces, active(fit.causes)).significance() < verdict.SIGNIFICANT
 
 
 def _joined(fit):
@@ -49,7 +48,10 @@ def prune(search, fit):
     fitter = search.fitter
     while len(fit.causes) > 1:
         rests = [fit.causes[:i] + fit.causes[i + 1 :] for i in range(len(fit.causes))]
-        fewer = [fitter.refine(phases.edge_search(fitter, fitter.refine(fitter.fit_of(rest), steps=3)), steps=3) for rest in rests]
+        fewer = [
+            fitter.refine(phases.edge_search(fitter, fitter.refine(fitter.fit_of(rest), steps=3)), steps=3)
+            for rest in rests
+        ]
         best = min(fewer, key=search.worth)
         if search.worth(best) > search.worth(fit):
             break

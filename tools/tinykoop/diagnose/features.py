@@ -5,9 +5,13 @@ how large it is. Columns are linear in their coefficients: small errors of veloc
 """
 
 import numpy as np
-from scipy import signal, stats
+from scipy import ndimage, signal, stats
 
+ROWS_EACH, LEAST = 10, 120  # values that a column must be worth; degrees of freedom that any log counts for
+INDEPENDENT = 1e-6  # least share of the largest eigenvalue of columns that are not combinations of others
+SMOOTH = 25  # rows
 BLOCKS = 6  # of time, for errors that come and go
+POSITION, HEADING = slice(0, 2), slice(2, 3)
 CHANNELS = ("longitudinal", "lateral", "heading")
 
 
@@ -33,21 +37,25 @@ def functions(u, pose, dt):
     v_s, w_s = np.std(v) + np.abs(v).mean() + 1e-9, np.std(w) + np.abs(w).mean() + 1e-9
     a, b = v / v_s, w / w_s
     every = (0, 1, 2)
-    table = {"constant": (one, every), "v": (a, every), "omega": (b, every)}
-    table |= {"v omega": (a * b, every), "v^2": (a * np.abs(a), every), "omega^2": (b * np.abs(b), every)}
+    # smooth: a feature must not carry the noise that it is to be told from
+    pose = ndimage.uniform_filter1d(np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])]), SMOOTH, axis=0)
+    theta = pose[:, 2]
+    # in the order in which a short log can afford them
+    table = {"constant": (one, every), "v": (a, every), "omega": (b, every), "v omega": (a * b, every)}
+    table |= {"heading, sine": (np.sin(theta), every), "heading, cosine": (np.cos(theta), every)}
+    for seconds in (0.3, 2 * dt, 1.0):
+        behind = _after(np.stack([a, b], 1), seconds, dt)
+        table[f"change of v, {seconds:.2g} s"] = (behind[:, 0], (0, 2))
+        table[f"change of omega, {seconds:.2g} s"] = (behind[:, 1], every)
+    table |= {"v^2": (a * np.abs(a), every), "omega^2": (b * np.abs(b), every)}
+    table |= {"time": (t, every), "time v": (t * a, every), "time omega": (t * b, every)}
     table |= {"|v|": (np.abs(a), every), "|omega|": (np.abs(b), every), "v |omega|": (a * np.abs(b), every)}
-    table |= {"v^3": (a**3, (0, 2)), "omega^3": (b**3, (0, 2)), "v omega^2": (a * b * b, (0, 1)), "v^2 omega": (a * a * b, (1, 2))}
+    table |= {"v^3": (a**3, (0, 2)), "omega^3": (b**3, (0, 2))}
+    table |= {"v omega^2": (a * b * b, (0, 1)), "v^2 omega": (a * a * b, (1, 2))}
     for name, c in (("v", a), ("omega", b)):
         small = np.abs(c) < 0.5 * np.median(np.abs(c)) + 1e-9
         table[f"small {name}"] = (c * small, (0, 2))
         table[f"sign of {name}"] = (np.sign(c), (0, 2))
-    for seconds in (2 * dt, 0.3, 1.0):
-        behind = _after(np.stack([a, b], 1), seconds, dt)
-        table[f"change of v, {seconds:.2g} s"] = (behind[:, 0], (0, 2))
-        table[f"change of omega, {seconds:.2g} s"] = (behind[:, 1], every)
-    theta = pose[:, 2]
-    table |= {"heading, sine": (np.sin(theta), every), "heading, cosine": (np.cos(theta), every)}
-    table |= {"time": (t, every), "time v": (t * a, every), "time omega": (t * b, every)}
     for i in range(BLOCKS - 1):
         inside = ((t + 1) / 2 * BLOCKS).astype(int) == i
         table[f"block v {i}"] = (inside * a, (0, 1))
@@ -64,7 +72,12 @@ def dependence(name):
     """The group a feature's name belongs to, for words."""
     for word in ("change", "heading", "time", "block", "place", "small", "sign"):
         if name.startswith(word):
-            return {"block": "time", "small": "small commands", "sign": "sign of the command", "change": "changes of the command"}.get(word, word)
+            return {
+                "block": "time",
+                "small": "small commands",
+                "sign": "sign of the command",
+                "change": "changes of the command",
+            }.get(word, word)
     return name
 
 
@@ -92,7 +105,10 @@ def integrate(pieces, values, channels):
             out[i, ..., 0], out[i, ..., 1] = summed(-step * s), summed(step * c)
         else:
             turn = summed(step)
-            d_along, d_across = np.diff(along, axis=1, append=along[:, -1:]), np.diff(across, axis=1, append=across[:, -1:])
+            d_along, d_across = (
+                np.diff(along, axis=1, append=along[:, -1:]),
+                np.diff(across, axis=1, append=across[:, -1:]),
+            )
             middle = turn + 0.5 * step
             out[i, ..., 0], out[i, ..., 1] = summed(-middle * d_across), summed(middle * d_along)
             out[i, ..., 2] = turn
@@ -106,7 +122,7 @@ def raw_columns(pieces):
     u = pieces.platform.commands(pieces.log.u)
     for name, (values, channels) in functions(u, pieces.log.x, pieces.log.dt).items():
         values = _scaled(values)
-        if values.any():
+        if values.any() and ROWS_EACH * (len(names) + len(channels)) <= max(pieces.degrees, LEAST):
             stack.append(integrate(pieces, values, channels))
             names.extend((name, channel) for channel in channels)
     return names, np.concatenate(stack)
@@ -121,11 +137,18 @@ class _Basis:
         size = np.linalg.norm(F, axis=1)
         keep = size > 1e-9 * size.max()
         values, vectors = np.linalg.eigh((F[keep] / size[keep, None]) @ (F[keep] / size[keep, None]).T)
-        good = values > 1e-9 * values[-1]
+        good = values > INDEPENDENT * values[-1]
         self.spread = np.zeros((len(F), good.sum()))  # coefficients from white amplitudes
         self.spread[keep] = vectors[:, good] / np.sqrt(values[good]) / size[keep, None]
         self.white = self.spread.T @ F
         self.single = F / np.maximum(size, 1e-300)[:, None]
+
+
+def basis_of(pieces):
+    """The basis, made once while noise and starts of the pieces stay as they are."""
+    if pieces.generic is None:
+        pieces.generic = _Basis(pieces)
+    return pieces.generic
 
 
 class Generic:
@@ -136,9 +159,7 @@ class Generic:
     """
 
     def __init__(self, pieces, active=()):
-        if pieces.generic is None:
-            pieces.generic = _Basis(pieces)
-        basis = pieces.generic
+        basis = basis_of(pieces)
         self.names, self.raw, self._spread = basis.names, basis.raw, basis.spread
         r = pieces.residual(active)
         w = pieces.whiten(r).ravel()
@@ -150,25 +171,32 @@ class Generic:
         self.gain, self.count = float(amplitudes @ amplitudes), len(amplitudes)
         self.cost = float(w @ w) - self.gain
         self.free = pieces.degrees - self.count
-        self._inside = pieces.inside
+        self._inside, self._rho = pieces.inside, max(pieces.noise.rho_p, pieces.noise.rho_t, 0.0)
 
     @property
     def scale(self):
         """Variance that is left per degree of freedom: 1 if the noise is known well."""
-        return self.cost / self.free
+        return max(self.cost, 1e-12) / max(self.free, 1)
 
     def significance(self):
-        """Probability of such a gain if nothing but noise is left."""
-        return float(stats.f.sf(self.gain / self.count / self.scale, self.count, self.free))
+        """Probability of such a gain if nothing but noise is left.
 
-    def gap(self, H):
-        """RMS position error (m) after H rows, which most pieces must reach, that the generic model finds, without what noise feigns."""
+        Slow noise is known from fewer values than there are: rows that go along with their neighbours count less.
+        """
+        known = max(self.free * (1 - self._rho) / (1 + self._rho), 1)
+        return float(stats.f.sf(self.gain / self.count / self.scale, self.count, known))
+
+    def gap(self, H, channels=POSITION):
+        """RMS error (m, or rad) after H rows, which most pieces must reach, that the generic model finds.
+
+        What noise feigns is taken off.
+        """
         at = self._inside[:, H]
         if not at.any():
             return 0.0
-        position = self.raw[:, at, H, :2]
-        found = np.tensordot(self.coefficients, position, 1)
-        feigned = self.scale * (np.tensordot(self._spread.T, position, 1) ** 2).sum(0)
+        error = self.raw[:, at, H, channels]
+        found = np.tensordot(self.coefficients, error, 1)
+        feigned = self.scale * (np.tensordot(self._spread.T, error, 1) ** 2).sum(0)
         return float(np.sqrt(max((found**2 - feigned).sum(-1).mean(), 0)))
 
     def depends(self):

@@ -108,7 +108,11 @@ def errors(fitter, fit, starts, noise):
     parts = [windows(platform, log, integrator, causes, starts) for causes in held_out(fitter, fit)]
     pick = fold_of_row[starts]
     after = Windows(
-        starts, *(np.stack([getattr(p, name) for p in parts])[pick, np.arange(len(starts))] for name in ("position", "heading", "along", "predicted"))
+        starts,
+        *(
+            np.stack([getattr(p, name) for p in parts])[pick, np.arange(len(starts))]
+            for name in ("position", "heading", "along", "predicted")
+        ),
     )
     return before, after, floor(noise, log, starts)
 
@@ -120,9 +124,10 @@ def closed(before, after, least):
     return np.where(before - least > WORTH_A_PERCENTAGE * least, share, np.nan)
 
 
-def gaps(before, after, least):
-    """RMS position error (3, H), m: before, after, floor."""
-    return np.stack([rms(before.position), rms(after.position), rms(least[..., 0])])
+def gaps(before, after, least, heading=False):
+    """RMS error (3, H) of position, m, or heading, rad: before, after, floor."""
+    name = "heading" if heading else "position"
+    return np.stack([rms(getattr(before, name)), rms(getattr(after, name)), rms(least[..., int(heading)])])
 
 
 def typical(before, after, least):
@@ -150,7 +155,8 @@ def summary(before, after, least, seed=0):
     spread = np.full((2, len(share)), np.nan)
     for j in np.flatnonzero(np.isfinite(share)):
         column = closed(*drawn[..., j])
-        spread[:, j] = np.quantile(column[np.isfinite(column)], (0.025, 0.975))
+        if np.isfinite(column).any():
+            spread[:, j] = np.quantile(column[np.isfinite(column)], (0.025, 0.975))
     keys = [str(H) for H in HORIZONS]
     heading = [rms(before.heading), rms(after.heading), rms(least[..., 1])]
     table = lambda row: dict(zip(keys, map(float, row)))  # noqa: E731

@@ -13,6 +13,7 @@ from .pieces import Noise
 
 LIGHT = 15.0  # degrees of freedom of Student's t from which on tails count as Gaussian
 CORRELATED = 0.2  # innovations more correlated than that are not the noise of a sensor
+FINEST = 1e-6  # m or rad: no pose is measured better
 RANGE = (-0.6, 0.98)  # of the correlation from row to row
 
 
@@ -23,36 +24,49 @@ def third_differences(log):
     x[:, 2] = np.unwrap(x[:, 2])
     d = np.diff(x, n=3, axis=0)[good] if good.any() else np.diff(x, n=3, axis=0)
     sd = 1.4826 * np.median(np.abs(d), axis=0) / np.sqrt(20)
-    return Noise(max(np.hypot(sd[0], sd[1]) / np.sqrt(2), 1e-6), max(sd[2], 1e-6))
+    return Noise(max(float(np.hypot(sd[0], sd[1])) / np.sqrt(2), FINEST), max(float(sd[2]), FINEST))
 
 
-def _restricted(series, nuisance, inside):
-    """(-2 log likelihood as a function of rho, variance at rho) of AR(1) with nuisance (S, L, k) in every piece."""
+def _restricted(r, nuisance, columns, inside):
+    """(-2 log restricted likelihood, variance) of AR(1) noise as a function of rho.
+
+    r (S, L, c): c series of the same noise in each piece; nuisance (S, L, c, k): what is free in every
+    piece; columns (F, S, L, c): what the generic model may take away.
+    """
+    S, L, c, k = nuisance.shape
+    size = np.sqrt((columns**2).sum((1, 2, 3)))
+    columns = columns[size > 1e-9] / size[size > 1e-9, None, None, None]
+    count = c * int(inside.sum())
+    mask = inside[..., None]
 
     def at(rho):
         def white(a):
             e = a.copy()
-            e[:, 1:] -= rho * a[:, :-1]
-            e[:, 1:] /= np.sqrt(1 - rho**2)
-            return e * inside.reshape(*inside.shape, *([1] * (a.ndim - 2)))
+            e[..., 1:, :] -= rho * a[..., :-1, :]
+            e[..., 1:, :] /= np.sqrt(1 - rho**2)
+            return (e * mask).reshape(*e.shape[:-2], L * c)
 
-        e, B = white(series), white(nuisance)
-        q, upper = np.linalg.qr(B)
-        left = e - np.einsum("slk,sk->sl", q, np.einsum("slk,sl->sk", q, e))
-        free = inside.sum() - nuisance.shape[2] * len(series)
-        variance = (left**2).sum() / free
-        log_det = np.log(1 - rho**2) * (inside.sum() - len(series))
+        e, X = white(r), white(columns)
+        q, upper = np.linalg.qr(np.moveaxis(white(np.moveaxis(nuisance, -1, 0)), 0, -1))
+        project = lambda a: a - (q @ (np.swapaxes(q, 1, 2) @ a[..., None]))[..., 0]  # noqa: E731
+        e, X = project(e).ravel(), project(X).reshape(len(X), -1)
+        values, vectors = np.linalg.eigh(X @ X.T)
+        good = values > features.INDEPENDENT * max(values[-1], 1e-30) if len(values) else np.zeros(0, bool)
+        taken = (vectors[:, good].T @ (X @ e)) ** 2 / values[good]
+        free = max(count - k * S - good.sum(), 1)
+        variance = max(e @ e - taken.sum(), 0) / free + 1e-300
+        log_det = np.log(1 - rho**2) * (count - c * S) + np.log(values[good]).sum()
         log_det += 2 * np.log(np.abs(np.diagonal(upper, axis1=1, axis2=2)) + 1e-300).sum()
-        return free * np.log(variance + 1e-300) + log_det, variance
+        return free * np.log(variance) + log_det, variance
 
     return at
 
 
-def _ar1(series, nuisances, inside):
-    """Standard deviation and rho of one or more series of the same noise."""
-    tests = [_restricted(s, n, inside) for s, n in zip(series, nuisances)]
-    found = optimize.minimize_scalar(lambda rho: sum(test(rho)[0] for test in tests), bounds=RANGE, method="bounded", options={"xatol": 1e-3})
-    return float(np.sqrt(np.mean([test(found.x)[1] for test in tests]))), float(found.x)
+def _ar1(r, nuisance, columns, inside):
+    """Standard deviation and rho of the noise."""
+    test = _restricted(r, nuisance, columns, inside)
+    rho = optimize.minimize_scalar(lambda q: test(q)[0], bounds=RANGE, method="bounded", options={"xatol": 4e-3}).x
+    return max(float(np.sqrt(test(rho)[1])), FINEST), float(rho)
 
 
 def estimate(pieces, active=(), weigh=True):
@@ -60,30 +74,35 @@ def estimate(pieces, active=(), weigh=True):
 
     weigh: look for heavy tails too. Returns Student's degrees of freedom, infinite without.
     """
-    generic = features.Generic(pieces, active)
-    pieces.settle_starts(generic.left)
-    n = pieces.residual(active) - generic.part
-    time = np.where(pieces.inside, np.arange(pieces.L) / pieces.L, 0)[..., None]
-    offset = np.concatenate([pieces.inside[..., None], time], -1)
-    along, across = (np.concatenate([offset, pieces.turns[..., i, 2:3]], -1) for i in (0, 1))
-    sp, rho_p = _ar1([n[..., 0], n[..., 1]], [along, across], pieces.inside)
-    st, rho_t = _ar1([n[..., 2]], [offset], pieces.inside)
-    pieces.set_noise(Noise(max(sp, 1e-9), max(st, 1e-9), rho_p, rho_t), weight=1.0)
-    return _tails(pieces, n) if weigh else np.inf
+    pieces.settle_starts(features.Generic(pieces, active).left)
+    r, raw = pieces.residual(active), features.basis_of(pieces).raw
+    inside = pieces.inside[..., None]
+    one = inside * np.ones(2)
+    time = inside * np.linspace(0, 1, pieces.L)[:, None] * np.ones(2)
+    first, second = np.array([1, 0]), np.array([0, 1])
+    # a place and a velocity of its own for every piece; a heading too, which turns its path
+    free = np.stack([one * first, one * second, time * first, time * second, pieces.turns[..., :2, 2] * inside], -1)
+    sp, rho_p = _ar1(r[..., :2], free, raw[..., :2], pieces.inside)
+    turning = np.stack([one[..., :1], time[..., :1]], -1)
+    st, rho_t = _ar1(r[..., 2:], turning, raw[..., 2:], pieces.inside)
+    pieces.set_noise(Noise(sp, st, rho_p, rho_t), weight=1.0)
+    return _tails(pieces, features.Generic(pieces, active).left) if weigh else np.inf
 
 
 def trusted(pieces, generic):
-    """The noise that the gap's floor may be taken from.
+    """Whether what is left is like the noise of a sensor, that is AR(1).
 
-    What is left of a real log is often not AR(1): wheels that slip as they like move the robot and are no noise of
-    its sensor. Then the third differences' estimate stands: a floor that is too low closes less, not more.
+    On a real log it often is not: wheels that slip as they like move the robot.
     """
     e = pieces.innovations(generic.left)
-    for lag in (1, 2, 3):
-        r = (e[:, lag:] * e[:, :-lag]).sum((0, 1)) / (e**2).sum((0, 1))
-        if np.abs(r).max() > CORRELATED:
-            return third_differences(pieces.log)
-    return pieces.noise
+    chance = 4 / np.sqrt(pieces.inside.sum())
+    lags = [(e[:, lag:] * e[:, :-lag]).sum((0, 1)) / (e**2).sum((0, 1)) for lag in (1, 2, 3)]
+    return bool(np.abs(lags).max() < max(CORRELATED, chance))
+
+
+def for_floor(pieces, generic):
+    """The noise that the gap's floor is taken from: if in doubt a small one, which closes less, not more."""
+    return pieces.noise if trusted(pieces, generic) else third_differences(pieces.log)
 
 
 def _tails(pieces, n):

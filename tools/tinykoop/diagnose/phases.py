@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import ruptures
 
+from ..errors import UserError
 from . import features, noise
 from .fit import active
 from .pieces import Pieces
@@ -21,7 +22,17 @@ MOST_PARTS = 7
 MOSTLY = 0.5  # of what effects that act all along leave must go, before further changes are looked for
 APART = 30  # rows between two edges that are not the same
 FAR, NEAR = 120, 12  # rows, by which an edge is moved
-FEW = ("constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega", "heading, sine", "heading, cosine")
+FEW = (
+    "constant",
+    "v",
+    "omega",
+    "v omega",
+    "v |omega|",
+    "sign of v",
+    "sign of omega",
+    "heading, sine",
+    "heading, cosine",
+)
 CHANGES = "change of"
 
 
@@ -46,6 +57,8 @@ class _Cost(ruptures.base.BaseCost):
 
 def parts(pieces, causes=(), strictness=1.6):
     """Edges (rows) between parts of the log that differ; none if it is of one piece."""
+    if len(pieces.starts) < 2:
+        return []
     short = Pieces(pieces.platform, pieces.log, pieces.integrator, SHORT)
     if len(short.starts) < 3 * FEWEST:
         return []
@@ -87,7 +100,10 @@ def merge(search, edges, without):
     pieces, fitter = search.pieces, search.fitter
     bounds = [0, *edges, len(pieces.log.x)]
     # what happens at an edge, a jump of the measured pose for one, is nobody's noise
-    calm = Pieces(pieces.platform, pieces.log, pieces.integrator, avoid=edges)
+    try:
+        calm = Pieces(pieces.platform, pieces.log, pieces.integrator, avoid=edges)
+    except UserError:  # nothing lies between the edges
+        return None
     if len(calm.starts) < len(bounds):
         return None
     calm.set_noise(pieces.noise)

@@ -10,7 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROWS, MOST_ROWS, SECONDS = 50, 150, 2.5  # of a piece: the longest horizon that is reported, and long enough for slow effects
+from ..errors import UserError
+
+ROWS, MOST_ROWS, SECONDS = (
+    50,
+    150,
+    2.5,
+)  # of a piece: the longest horizon that is reported, and long enough for slow effects
 AVOIDED = 10  # rows on either side of one where something changes
 FEWEST = 6  # rows that are worth a piece: three go into its start
 SETTLE = 8  # pieces from which on the first is left out: how actuators stood before the log began is not known
@@ -66,6 +72,8 @@ class Pieces:
         for row in avoid:
             whole[max(row - AVOIDED, 0) : row + AVOIDED] = False
         self.starts, self.lengths = cut(whole, rows or usual_rows(log.dt))
+        if not len(self.starts):
+            raise UserError(f"the log has no {FEWEST} usable rows in a row: record it with fewer gaps")
         self.L = int(self.lengths.max())
         self.steps = np.arange(1, self.L)
         self.inside = np.arange(self.L) < self.lengths[:, None]  # (S, L)
@@ -122,7 +130,7 @@ class Pieces:
         columns = np.moveaxis(white, 0, -1).reshape(len(self.starts), -1, 3)
         self.basis, self.upper = np.linalg.qr(columns)
         self._basis_t = np.ascontiguousarray(np.swapaxes(self.basis, 1, 2))
-        self.generic = None  # the whitened generic model: features.py keeps it here
+        self.generic = None  # features.Generic keeps its basis here while pieces stay as they are
 
     def _filter(self, r):
         e = r * self._now

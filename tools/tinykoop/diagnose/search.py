@@ -5,7 +5,7 @@ An effect is taken in when it pays more than the best of the whole library would
 
 import numpy as np
 
-from .fit import Fit, Fitter
+from .fit import Fitter
 
 MOST = 4  # effects in one explanation
 REFINED = 4  # candidates of a scan that are fitted in full
@@ -52,7 +52,9 @@ class Search:
 
     def singles(self):
         """Every effect by itself; sets the price of an effect."""
-        self.seen = {}
+        self.seen, self.price = {}, np.inf
+        if not self.fitter.effects:
+            return self.base
         for name in self.fitter.effects:
             fit, seen = self.fitter.add(name, self.base)
             self.keep(fit)
@@ -63,13 +65,16 @@ class Search:
 
     def worth(self, fit):
         """Cost with the price of its effects: a further parameter costs what it gains on noise."""
+        if not fit.causes:
+            return fit.cost
         parameters = sum(len(c.params) - 1 for c in fit.causes)
         switches = sum(np.isfinite(s).sum() for c in fit.causes for s in c.segments)
         return fit.cost + self.price * len(fit.causes) + 2.0 * parameters + 0.5 * self.price * switches
 
     def best(self, count=None):
         """The best fit of `count` effects, or of all."""
-        return min((f for k, f in self.fits.items() if count is None or len(k) == count), key=self.worth)
+        fits = [f for k, f in self.fits.items() if count is None or len(k) == count]
+        return min(fits, key=self.worth, default=self.base)
 
     def pairs(self):
         """Pairs that explain the log together, by their linear parts; fits the likeliest in full."""

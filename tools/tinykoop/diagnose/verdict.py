@@ -8,28 +8,36 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .features import Generic
+from .features import HEADING, POSITION, Generic
 from .fit import Fit, active
+from .noise import trusted
 
-SMALLEST_WAY = 0.002  # a gap below this share of the way driven does not matter,
-SMALLEST_NOISE = 0.5  # nor one below this share of the noise of a position
-SIGNIFICANT = 1e-3
+SMALLEST = 0.002  # a gap below this share of the way driven, or turned, does not matter,
+SMALLEST_NOISE = 0.5  # nor one below this share of the noise of a pose,
+SMALLEST_TURN = 0.003  # rad, nor a heading by that little
+SIGNIFICANT = 1e-4
 STANDS_OUT = 1.3  # times the noise floor, from which a held-out error is more than an error of the floor
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be called its explanation
 ALIAS = 0.9  # of an effect's worth that another takes over: they may be the same
+STEADY, UNSURE = 0.02, 0.5  # share that commands of one kind vary by; most confidence that such a log allows
 RIVALS = 5  # that are fitted in full
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
 
 
 @dataclass(frozen=True)
 class Gate:
-    """The systematic gap, H rows ahead: how large it is and what the causes leave of it."""
+    """The systematic gap, H rows ahead: how large it is and what the causes leave of it.
+
+    In position (m); in heading (rad) where only that has a gap worth the name, as of a robot that turns on the spot.
+    """
 
     generic: Generic
-    before: float  # m, without noise
+    channels: slice
+    before: float  # without noise
     after: float
-    moved: float  # m that the causes make of it
-    smallest: float  # m
+    moved: float  # what the causes make of it
+    smallest: float  # that matters
+    like_noise: bool  # what is left by generic errors too
 
     @property
     def p(self):
@@ -43,30 +51,46 @@ class Gate:
     @property
     def fails(self):
         """Something systematic is left that matters."""
-        return self.after > self.smallest and self.p < SIGNIFICANT
+        return self.after > self.smallest and (self.p < SIGNIFICANT or not self.like_noise)
+
+    @property
+    def matters(self):
+        return self.before >= self.smallest
 
 
 def gate(pieces, causes, horizon=50):
     """Tests an explanation: by what generic errors find beside it, and by what it changes itself."""
     horizon = pieces.reach(horizon)
     before, after = Generic(pieces), Generic(pieces, active(causes))
-    way = np.hypot(*np.diff(pieces.log.x[:, :2], axis=0)[pieces.log.usable].T).mean() * horizon
-    smallest = max(SMALLEST_WAY * way, SMALLEST_NOISE * pieces.noise.sp)
-    left = after.gap(horizon)
-    changed = (before.residual - after.residual)[:, horizon, :2][pieces.inside[:, horizon]]
+    log, noise = pieces.log, pieces.noise
+    way = np.hypot(*np.diff(log.x[:, :2], axis=0)[log.usable].T).mean() * horizon
+    turn = np.abs(pieces.platform.commands(log.u)[:, 1]).mean() * horizon * log.dt
+    position = _gate(pieces, before, after, causes, horizon, POSITION, max(SMALLEST * way, SMALLEST_NOISE * noise.sp))
+    heading = _gate(
+        pieces, before, after, causes, horizon, HEADING, max(SMALLEST * turn, SMALLEST_NOISE * noise.st, SMALLEST_TURN)
+    )
+    return heading if heading.matters and not position.matters else position
+
+
+def _gate(pieces, before, after, causes, horizon, channels, smallest):
+    left = after.gap(horizon, channels)
+    changed = (before.residual - after.residual)[:, horizon, channels][pieces.inside[:, horizon]]
     moved = float(np.sqrt((changed**2).sum(-1).mean())) if len(changed) else 0.0
-    return Gate(after, max(before.gap(horizon), np.hypot(moved, left) if causes else 0.0), left, moved, smallest)
+    return Gate(after, channels, max(before.gap(horizon, channels), np.hypot(moved, left) if causes else 0.0), left, moved, smallest,
+                trusted(pieces, after))  # fmt: skip
 
 
 def stricter(gates, after, floor):
     """The gate with what predictions on held-out rows still miss (m, and its noise), where that stands out of the noise."""
+    if gates.channels != POSITION:
+        return gates
     missed = np.sqrt(after**2 - floor**2) if after > STANDS_OUT * floor else 0.0
     return replace(gates, after=max(gates.after, float(missed)), before=max(gates.before, float(missed)))
 
 
 def verdict(fit, gates):
     """The word of the contract."""
-    if gates.before < gates.smallest or (gates.moved < gates.smallest and not gates.fails):
+    if not gates.matters or (gates.moved < gates.smallest and not gates.fails):
         return "none"
     if gates.fails and (gates.share > UNEXPLAINED or not fit.causes):
         return "unknown"
@@ -101,7 +125,8 @@ def evidence(search, fit, gates):
         ambiguous = [n for n in fits if _alike(search, fit, fits[n], absorbed[n], behind[n], gates)]
         ambiguous += [n for n in _pair(search, rest, fit, fits, worth) if n not in ambiguous]
         rivals = [d for name, d in behind.items() if name not in ambiguous] + [worth]
-        out.append(Evidence(worth, absorbed, behind, tuple(ambiguous), _confidence(rivals, fit, gates), rest))
+        sure = min(_confidence(rivals, fit, gates), UNSURE if steady(search.pieces) else 1.0)
+        out.append(Evidence(worth, absorbed, behind, tuple(ambiguous), sure, rest))
     return out
 
 
@@ -113,7 +138,7 @@ def _alike(search, fit, rival, absorbed, behind, gates):
         return True
     if absorbed < ALIAS:
         return False
-    left = gate(search.pieces, rival.causes).after
+    left = Generic(search.pieces, active(rival.causes)).gap(search.pieces.reach(50), gates.channels)
     return left < max(gates.smallest, 2 * gates.after)
 
 
@@ -128,6 +153,12 @@ def _pair(search, rest, fit, fits, worth):
     return []
 
 
+def steady(pieces):
+    """Whether one command was held all along: then a few constants explain everything, and so does almost any effect."""
+    u = pieces.platform.commands(pieces.log.u)
+    return bool(np.all(np.std(u, axis=0) <= STEADY * (np.abs(u).max(0) + 1e-9)))
+
+
 def _confidence(rivals, fit, gates):
     """Probability that the cause is right: against its rivals, less what nothing explains."""
     heat = 2 * max(1.0, gates.generic.scale) * (1 + 50 * gates.share)
@@ -139,6 +170,8 @@ def _confidence(rivals, fit, gates):
 def untestable(search, fit):
     """Effects that would not show in this log at their usual size, beside those that were found."""
     fitter, out = search.fitter, []
+    if not fitter.effects:
+        return out
     J = fitter.jacobian(fit) if fit.causes else np.zeros((len(fit.left), 0))
     q = np.linalg.qr(J)[0] if J.shape[1] else J
     for name, (_, parameters) in fitter.effects.items():

@@ -72,5 +72,13 @@ def regions(before, least, log, u):
             inside = (values >= low) & (values <= high)
             if inside.sum() >= 10:
                 ratio = excess[inside].mean() / whole
-                out.append({"variable": name, "unit": unit, "from": float(low), "to": float(high), "times_average": float(ratio)})
+                out.append(
+                    {
+                        "variable": name,
+                        "unit": unit,
+                        "from": float(low),
+                        "to": float(high),
+                        "times_average": float(ratio),
+                    }
+                )
     return sorted(out, key=lambda region: -region["times_average"])[:5]

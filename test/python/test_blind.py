@@ -21,6 +21,13 @@ def usual(name):
     return {row[0]: row[4] for row in sim.effects()[name][1]}
 
 
+def test_effect_named_without_parameters_is_no_failure():
+    """SINDy names thresholds and slip without fitting them: right names, no parameter error."""
+    for name in ("saturation", "pacejka_slip"):
+        cause = {"name": name, "parameters": usual(name)}
+        assert score.parameter_errors({"name": name, "params": {}}, cause, commands()) == ({}, {})
+
+
 # ---- plant -------------------------------------------------------------------------------------
 
 

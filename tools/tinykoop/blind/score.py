@@ -136,6 +136,8 @@ def parameter_errors(effect, cause, u):
     """({parameter or "curve": relative error}, {parameter: whether its interval holds the true value})."""
     true, found, ci = cause["parameters"], effect.get("params") or {}, effect.get("params_ci95") or {}
     covered = {key: bool(ci[key][0] <= value <= ci[key][1]) for key, value in true.items() if ci.get(key)}
+    if not set(true) <= set(found):
+        return {}, covered  # a peer that names effects without their parameters
     if cause["name"] in CURVES:
         taken = curve(cause["name"], true, u)
         errors = {"curve": np.linalg.norm(curve(cause["name"], found, u) - taken) / np.linalg.norm(taken)}

@@ -1,7 +1,5 @@
 """The drive that would settle what a log leaves open."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from .. import sim
@@ -41,39 +39,35 @@ def drives(u, dt):
     }
 
 
-def _separation(platform, integrator, noise, u, dt, causes, name, params):
-    """How far (standard deviations, RMS per row) an effect `name` of this size stays from the best fit of `causes`."""
-    true = [effect for cause in causes for effect in cause.active()] + [sim.Effect(name, params)]
-    x = platform.simulate(u[:-1], dt, true, integrator)
-    log = sim.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool), dt)
-    pieces = Pieces(platform, log, integrator)
-    pieces.set_noise(replace(noise, rho_p=max(noise.rho_p, 0.0), rho_t=max(noise.rho_t, 0.0)))
-    return Fitter(pieces), pieces
+def _driven(pieces, u, name, params):
+    """A Fitter on drive u (K, 2) of a robot with this effect, free of noise but judged by that of the log."""
+    platform, dt = pieces.platform, pieces.log.dt
+    x = platform.simulate(u[:-1], dt, [sim.Effect(name, params)], pieces.integrator)
+    driven = Pieces(platform, sim.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool), dt), pieces.integrator)
+    driven.set_noise(pieces.noise)
+    return Fitter(driven)
 
 
-def advise(search, fit, open_pairs, untestable):
-    """(name, words, commands, {question: separation}) of the drive with the largest least separation; None if nothing is open.
+def advise(search, open_pairs, untestable):
+    """(name, words, commands, {question: separation}) of the drive with the largest least separation.
 
-    open_pairs: [(cause, rival name)]; untestable: names that the log does not excite.
+    None if nothing is open. Separation: standard deviations, RMS per row, between an effect and the best that the
+    rival can do. open_pairs: [(cause, rival name)]; untestable: names that the log does not excite.
     """
-    pieces = search.pieces
-    questions = [(cause, rival) for cause, rival in open_pairs][:PAIRS]
-    hidden = [name for name in untestable][: PAIRS - len(questions)] if not questions else []
+    questions, hidden = open_pairs[:PAIRS], [] if open_pairs else untestable[:PAIRS]
     if not questions and not hidden:
         return None
-    platform, integrator, dt = pieces.platform, pieces.integrator, pieces.log.dt
     best = None
-    for title, (words, u) in drives(pieces.log.u, dt).items():
+    for title, (words, u) in drives(search.pieces.log.u, search.pieces.log.dt).items():
         separation = {}
         for cause, rival in questions:
-            fitter, _ = _separation(platform, integrator, pieces.noise, u, dt, (), cause.name, cause.params)
-            alone = fitter.scan(rival, fitter.fit_of(()))[0]
-            alone = fitter.refine(alone, steps=4)
+            fitter = _driven(search.pieces, u, cause.name, cause.params)
+            alone = fitter.refine(fitter.scan(rival, fitter.fit_of(()))[0], steps=4)
             separation[f"{cause.name} or {rival}"] = float(np.sqrt(alone.cost / len(u)))
         for name in hidden:
             usual = tuple(p.usual for p in search.fitter.effects[name][1])
-            fitter, _ = _separation(platform, integrator, pieces.noise, u, dt, (), name, usual)
-            separation[f"{name} or not"] = float(np.sqrt(fitter.fit_of(()).cost / len(u)))
+            nominal = _driven(search.pieces, u, name, usual).fit_of(())
+            separation[f"{name} or not"] = float(np.sqrt(nominal.cost / len(u)))
         if best is None or min(separation.values()) > min(best[3].values()):
             best = title, words, u, separation
     return best

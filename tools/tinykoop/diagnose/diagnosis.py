@@ -167,7 +167,7 @@ def _effects(search, fit, proofs, log):
         i += len(spec)
         out.append(
             {
-                "name": str(cause.name),
+                "name": cause.name,
                 "evidence": float(proof.worth),
                 "confidence": proof.confidence,
                 "params": {p.name: float(v) for p, v in zip(spec, cause.params)},
@@ -187,7 +187,7 @@ def _contributions(search, fit, proofs, starts):
     whole = measure.rms(measure.windows(*arguments, fit.causes, starts).position)
     keys = [str(H) for H in measure.HORIZONS]
     return {
-        str(cause.name): dict(
+        cause.name: dict(
             zip(
                 keys,
                 map(float, measure.rms(measure.windows(*arguments, proof.without.causes, starts).position) - whole),
@@ -197,7 +197,7 @@ def _contributions(search, fit, proofs, starts):
     }
 
 
-def diagnose(log, platform=None, fresh=None, without=(), seed=0, rows=None):
+def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     """The Diagnosis of a log (sim.Log); fresh: another log of the robot, on which nothing is fitted."""
     platform = platform or PLATFORMS["ddr"]()
     effects = platform.effects()
@@ -220,14 +220,14 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0, rows=None):
     before, after, least = measure.errors(search.fitter, fit, starts, noise.for_floor(pieces, gates.generic))
     blind_to = verdict.untestable(search, fit)
     pairs = [(cause, rival) for cause, proof in zip(fit.causes, proofs) for rival in proof.ambiguous]
-    advice = advise.advise(search, fit, pairs, blind_to)
+    advice = advise.advise(search, pairs, blind_to)
     ranked = verdict.ranking(search, fit, proofs)
     report = {
         "verdict": word,
         "effects": _effects(search, fit, proofs, log),
         "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])
-        + [{"name": str(name), "score": float(score)} for name, score in ranked],
-        "ambiguous_with": {str(c.name): [str(n) for n in proof.ambiguous] for c, proof in zip(fit.causes, proofs) if proof.ambiguous},
+        + [{"name": name, "score": float(score)} for name, score in ranked],
+        "ambiguous_with": {c.name: list(proof.ambiguous) for c, proof in zip(fit.causes, proofs) if proof.ambiguous},
         "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
         "where": {
             "channels": where.channels(before, least, log),

@@ -50,16 +50,14 @@ def active(causes):
 
 
 class Fitter:
-    """Fits causes to pieces. evaluations counts the predictions of the whole log that were made."""
+    """Fits causes, parameters of effects, to pieces. without: effects that it may not use."""
 
     def __init__(self, pieces, without=()):
         self.pieces = pieces
         self.effects = {name: spec for name, spec in pieces.platform.effects().items() if name not in without}
-        self.evaluations = 0
 
     def left(self, causes):
-        """Whitened residual (n); what the simulator refuses is infinitely bad."""
-        self.evaluations += 1
+        """Whitened residual (n)."""
         return self.pieces.whiten(self.pieces.residual(active(causes))).ravel()
 
     def fit_of(self, causes):
@@ -173,7 +171,7 @@ class Fitter:
         return fit
 
     def rays(self, name):
-        """Vectors to begin a scan with, in usual values."""
+        """The effect with nothing set, and the vectors to begin a scan with, in usual values."""
         cause = Cause(name, (0.0,) * len(self.effects[name][1]))
         usual = np.array([np.sign(p.usual) or 1.0 for p in self.effects[name][1]])
         low, _ = self.bounds(cause)
@@ -186,7 +184,7 @@ class Fitter:
         return cause, seen
 
     def scan(self, name, base, segments=ALWAYS):
-        """The best of the rays of one effect on top of `base`, not refined; and all (causes, left) seen."""
+        """The best of the rays of one effect on top of `base`, not refined; and all fits seen."""
         cause, starts = self.rays(name)
         cause = replace(cause, segments=segments)
         seen = [self.fit_of((*base.causes, self.at(cause, z))) for z in starts]

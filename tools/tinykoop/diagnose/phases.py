@@ -12,27 +12,20 @@ import ruptures
 
 from ..errors import UserError
 from . import features, noise
-from .fit import active
+from .fit import ALWAYS, active
 from .pieces import Pieces
 from .search import Search
 
 SHORT = 20  # rows of the pieces that changes are looked for in
 FEWEST = 4  # of them in a part
 MOST_PARTS = 7
+STRICTNESS = 1.6  # cost of an edge, in generic errors of a part
 MOSTLY = 0.5  # of what effects that act all along leave must go, before further changes are looked for
 APART = 30  # rows between two edges that are not the same
 FAR, NEAR = 120, 12  # rows, by which an edge is moved
-FEW = (
-    "constant",
-    "v",
-    "omega",
-    "v omega",
-    "v |omega|",
-    "sign of v",
-    "sign of omega",
-    "heading, sine",
-    "heading, cosine",
-)
+FEW = {"constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega"} | {
+    "heading, sine", "heading, cosine",
+}  # fmt: skip
 CHANGES = "change of"
 
 
@@ -55,7 +48,7 @@ class _Cost(ruptures.base.BaseCost):
         return total - slope @ np.linalg.solve(gram + self.ridge, slope)
 
 
-def parts(pieces, causes=(), strictness=1.6):
+def parts(pieces, causes=()):
     """Edges (rows) between parts of the log that differ; none if it is of one piece."""
     if len(pieces.starts) < 2:
         return []
@@ -69,7 +62,7 @@ def parts(pieces, causes=(), strictness=1.6):
     F = np.moveaxis(short.whiten(raw[keep]), 0, -1)
     w = short.whiten(short.residual(active(causes)))
     cost = _Cost(np.einsum("snf,sng->sfg", F, F), np.einsum("snf,sn->sf", F, w), np.einsum("sn,sn->s", w, w))
-    penalty = strictness * len(keep) * max(1.0, features.Generic(short, active(causes)).scale)
+    penalty = STRICTNESS * len(keep) * max(1.0, features.Generic(short, active(causes)).scale)
     search = ruptures.Pelt(custom_cost=cost, min_size=FEWEST, jump=1).fit(np.arange(len(w))[:, None])
     ends = search.predict(pen=penalty)[:-1]
     while len(ends) >= MOST_PARTS:
@@ -96,7 +89,10 @@ def _spans(on, times):
 
 
 def merge(search, edges, without):
-    """The best fit whose effects act in some of the parts only; None if no part has an effect."""
+    """The best fit whose effects act in some of the parts only; None if no part has an effect.
+
+    Tells the search's pieces the noise as it is away from the edges.
+    """
     pieces, fitter = search.pieces, search.fitter
     bounds = [0, *edges, len(pieces.log.x)]
     # what happens at an edge, a jump of the measured pose for one, is nobody's noise
@@ -145,7 +141,7 @@ def _assign(search, causes, bounds, times):
     costs = []
     subsets = [[i for i in range(len(causes)) if mask >> i & 1] for mask in range(1 << len(causes))]
     for subset in subsets:
-        left = fitter.left([replace(causes[i], segments=((-np.inf, np.inf),)) for i in subset])
+        left = fitter.left([replace(causes[i], segments=ALWAYS) for i in subset])
         per_piece = (left.reshape(len(pieces.starts), -1) ** 2).sum(1)
         price = search.price * len(subset)
         costs.append(np.bincount(part, per_piece, minlength=len(bounds) - 1) + price)

@@ -12,11 +12,8 @@ import numpy as np
 
 from ..errors import UserError
 
-ROWS, MOST_ROWS, SECONDS = (
-    50,
-    150,
-    2.5,
-)  # of a piece: the longest horizon that is reported, and long enough for slow effects
+SECONDS = 2.5  # of a piece: long enough for slow effects,
+ROWS, MOST_ROWS = 50, 150  # but in rows not less than the longest horizon that is reported
 AVOIDED = 10  # rows on either side of one where something changes
 FEWEST = 6  # rows that are worth a piece: three go into its start
 SETTLE = 8  # pieces from which on the first is left out: how actuators stood before the log began is not known

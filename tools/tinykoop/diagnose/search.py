@@ -14,7 +14,7 @@ DRAWS = 400
 FALSE_ALARMS = 0.005
 
 
-def price(directions, degrees, seed):
+def price(directions, seed):
     """What the best of a scan gains on white noise, but for one log in 1 / FALSE_ALARMS.
 
     directions (n, D): what each step of the scan changed, whitened.
@@ -60,7 +60,7 @@ class Search:
             self.keep(fit)
             self.seen[name] = [s.left - self.base.left for s in (*seen, fit)]
         directions = np.stack([g for group in self.seen.values() for g in group], 1)
-        self.price = price(directions, self.pieces.degrees, self.seed)
+        self.price = price(directions, self.seed)
         return self.best(1)
 
     def worth(self, fit):
@@ -78,21 +78,21 @@ class Search:
 
     def pairs(self):
         """Pairs that explain the log together, by their linear parts; fits the likeliest in full."""
-        names = [n for n in self.seen for _ in self.seen[n]]
         G = np.stack([g for group in self.seen.values() for g in group], 1)
         size = np.linalg.norm(G, axis=0)
         ok = size > 1e-6
-        names, G = np.array(names)[ok], G[:, ok] / size[ok]
+        names = [name for name, keep in zip((n for n in self.seen for _ in self.seen[n]), ok) if keep]
+        G = G[:, ok] / size[ok]
         c, gram = -(G.T @ self.base.left), G.T @ G
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = (c[:, None] ** 2 + c[None] ** 2 - 2 * gram * np.outer(c, c)) / (1 - gram**2)
         gain[~(gram**2 < 0.999)] = 0
-        order = {}
+        order = []
         for i, j in zip(*np.unravel_index(np.argsort(-gain, axis=None)[:4000], gain.shape)):
             key = frozenset((names[i], names[j]))
             if len(key) == 2 and key not in order:
-                order[key] = gain[i, j]
-        for key in list(order)[:PAIRS]:
+                order.append(key)
+        for key in order[:PAIRS]:
             first = min(key, key=lambda name: self.fits[frozenset([name])].cost)
             (second,) = key - {first}
             self.extend(self.fits[frozenset([first])], [second])

@@ -76,8 +76,8 @@ def _gate(pieces, before, after, causes, horizon, channels, smallest):
     left = after.gap(horizon, channels)
     changed = (before.residual - after.residual)[:, horizon, channels][pieces.inside[:, horizon]]
     moved = float(np.sqrt((changed**2).sum(-1).mean())) if len(changed) else 0.0
-    return Gate(after, channels, max(before.gap(horizon, channels), np.hypot(moved, left) if causes else 0.0), left, moved, smallest,
-                trusted(pieces, after))  # fmt: skip
+    gap = max(before.gap(horizon, channels), np.hypot(moved, left) if causes else 0.0)
+    return Gate(after, channels, gap, left, moved, smallest, trusted(pieces, after))
 
 
 def stricter(gates, after, floor):

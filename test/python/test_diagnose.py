@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 from tinykoop import sim
-from tinykoop.diagnose import diagnose
+from tinykoop.diagnose import diagnose, phases, words
 from tinykoop.diagnose.features import Generic
+from tinykoop.diagnose.fit import Cause, Fitter
 from tinykoop.diagnose.noise import estimate, third_differences
 from tinykoop.diagnose.pieces import Noise, Pieces
 from tinykoop.diagnose.platform import Ddr
+from tinykoop.diagnose.search import Search
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
 SP, ST = 0.004, 0.004  # m, rad
@@ -352,6 +354,39 @@ def test_pair(names):
     assert report["verdict"] == "known" and set(effects_of(report)) == set(names)
 
 
+def test_lag_beside_delay_may_be_of_second_order():
+    """The best-known approximation of slow actuators is no proof of either."""
+    report = diagnose(log_of(drive(SHORT, 4), usual("actuator_lag", "transport_delay"))).report
+    assert set(effects_of(report)) == {"actuator_lag", "transport_delay"}
+    assert surest(report) <= 0.8 and "second order" in " ".join(words.cannot_tell(report))
+
+
+def test_form_of_another_kind_is_not_sure():
+    """A speed limit with a soft knee: the hard one explains most of it, but is not it."""
+    u = drive(LONG, 7)
+    v = u[:, 0] / (1 + np.abs(u[:, 0] / 1.2) ** 12) ** (1 / 12)
+    x = sim.simulate(np.column_stack([v, u[:, 1]])[:-1], DT, START, [], sim.ARC)
+    report = diagnose(as_log(x + noise_of("white", x.shape, 3) * (SP, SP, ST), u)).report
+    assert "saturation" in effects_of(report) and report["unexplained"]["share"] < 0.2
+    assert report["unexplained"]["p"] < 1e-4 and surest(report) <= 0.8
+
+
+def test_strong_effect_is_not_traded_for_one_at_its_bounds():
+    """A robot that turns half as far as told, sluggishly: slip at its bounds does about the same."""
+    u = drive(SHORT, 8)
+    log = log_of(u, [sim.Effect("yaw_gain", (-0.55,)), sim.Effect("actuator_lag", (0.9,))])
+    pieces = Pieces(Ddr(), log, ARC)
+    pieces.set_noise(Noise(SP, ST))
+    search = Search(pieces)
+    search.singles()
+    fitter = search.fitter
+    worse = fitter.refine(
+        fitter.fit_of([Cause("actuator_lag", (0.9,)), Cause("pacejka_slip", (30.0, 1.0, 0.9, 1.0, 0.0))])
+    )
+    assert fitter.held(worse.causes[1])
+    assert set(search.swap(search.keep(worse)).names) == {"yaw_gain", "actuator_lag"}
+
+
 def test_clock_is_said_to_be_both_gains():
     assert set(single("clock_scale").report["ambiguous_with"]["clock_scale"]) >= {"speed_gain", "yaw_gain"}
 
@@ -525,6 +560,19 @@ def test_effect_that_switches_on():
     assert list(effects_of(report)) == ["yaw_gain"]
     ((t0, t1),) = report["effects"][0]["segments"]
     assert abs(t0 - onset) < 1.0 and t1 == pytest.approx(report["log"]["seconds"], abs=1.0)
+
+
+def test_onset_and_size_make_up_for_one_another():
+    """A sag that is taken to begin too late is also taken to be too small; both are found from there."""
+    truth = Cause("battery_sag", (0.21,), ((12.0, 50.0),))
+    log = log_of(drive(LONG, 6), truth.active())
+    pieces = Pieces(Ddr(), log, ARC)
+    pieces.set_noise(Noise(SP, ST))
+    fitter = Fitter(pieces)
+    begun_late = fitter.fit_of([Cause("battery_sag", (0.18,), ((17.0, 49.0),))])
+    (found,) = phases.settle(fitter, begun_late).causes
+    assert found.segments[0] == pytest.approx((12.0, 50.0), abs=2 * DT)
+    assert found.params[0] == pytest.approx(0.21, rel=0.02)
 
 
 # ---- how much --------------------------------------------------------------------------------------

@@ -14,8 +14,11 @@ from .platform import PLATFORMS
 FEWEST_ROWS = 60
 ARTEFACT, SURE_ARTEFACT = 0.2, 0.08  # of half a step, to which a lateral skid is the integrator's; at first sight
 PAYS, PAYS_AT_LEAST = 0.1, 0.1  # a cause must close that much: of the gap above the floor; of the smallest that matters
+MENDS, MENDS_WHOLE = (
+    0.5,
+    0.1,
+)  # where more is left than noise, that much of what is left, or of the whole gap: less may only mend the form of another
 BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
-HELD = 1e-3  # of its usual value, to which a parameter counts as at its bound
 
 
 @dataclass
@@ -89,27 +92,30 @@ def _explained(platform, log, without, seed):
 
 
 def _paying(search, fit, starts):
-    """(fit, gate) without the causes that do not pay on rows they were not fitted on."""
+    """(fit, gate, [fit without each cause]) without the causes that do not pay on rows they were not fitted on."""
     while True:
         gates = verdict.gate(search.pieces, fit.causes)
         sensor = noise.for_floor(search.pieces, gates.generic)
         heading = gates.channels != features.POSITION
         gaps = lambda f: measure.gaps(*measure.errors(search.fitter, f, starts, sensor), heading)  # noqa: E731
-        _, after, least = gaps(fit)
+        before, after, least = gaps(fit)
         gates = verdict.stricter(gates, *measure.typical(*measure.errors(search.fitter, fit, starts, sensor)))
         if not fit.causes:
-            return fit, gates
-        pays = []
+            return fit, gates, []
+        doubtful = gates.p < verdict.SIGNIFICANT and len(fit.causes) > 1
+        rests, gains = [], []
         for i in range(len(fit.causes)):
-            rest = search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=4)
+            rest = search.fitter.refine(search.fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=5)
             without = gaps(rest)[1]
             gain = (without - after) / np.maximum(without - least, 1e-9)
             enough = (without - after > PAYS_AT_LEAST * gates.smallest) & (gain > PAYS)
-            pays.append((float(np.max(np.where(enough, gain, 0)[1:])), rest))
-        gain, rest = min(pays, key=lambda pair: pair[0])
-        if gain > 0:
-            return fit, gates
-        fit = rest
+            if doubtful:
+                enough &= (gain > MENDS) | (without - after > MENDS_WHOLE * (before - least))
+            rests.append(rest)
+            gains.append((bool(enough[1:].any()), float(gain[1:].max())))
+        if min(gains)[0]:
+            return fit, gates, rests
+        fit = rests[gains.index(min(gains))]
 
 
 def _intervals(search, fit):
@@ -152,7 +158,7 @@ def _effects(search, fit, proofs, log):
     for cause, proof in zip(fit.causes, proofs):
         spec, scale = fitter.effects[cause.name][1], fitter.scale(cause)
         low, high = fitter.bounds(cause)
-        limits, held = {}, []
+        limits = {}
         for k, parameter in enumerate(spec):
             interval = intervals[i + k]
             if not np.isfinite(interval).all():
@@ -160,10 +166,6 @@ def _effects(search, fit, proofs, log):
             if cause.name == "lateral_skid":  # which integrator the robot is like, nothing tells then
                 interval = interval + 0.5 * log.dt / scale[k] * np.array([-1, 1])
             limits[parameter.name] = [float(value) for value in np.clip(interval, low[k], high[k]) * scale[k]]
-            if cause.params[k] and (
-                abs(cause.params[k] / scale[k] - low[k]) < HELD or abs(cause.params[k] / scale[k] - high[k]) < HELD
-            ):
-                held.append(parameter.name)
         i += len(spec)
         out.append(
             {
@@ -174,7 +176,7 @@ def _effects(search, fit, proofs, log):
                 "params_ci95": limits,
                 "segments": [[float(max(a, 0.0)), float(min(b, end))] for a, b in cause.segments],
                 "units": {p.name: p.unit for p in spec},
-                "at_bound": held,
+                "at_bound": fitter.held(cause),
             }
         )
     return out
@@ -207,9 +209,9 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     pieces, found = _explained(platform, log, without, seed)
     fit, search, integrator = found.fit, found.search, pieces.integrator
     starts = measure.starts_of(log)
-    fit, gates = _paying(search, fit, starts)
+    fit, gates, rests = _paying(search, fit, starts)
     word = verdict.verdict(fit, gates)
-    proofs = verdict.evidence(search, fit, gates)
+    proofs = verdict.evidence(search, fit, gates, rests)
     if word == "known" and max(proof.confidence for proof in proofs) < BELIEVED:
         word = "unknown" if gates.fails else "none"
     if word == "none":
@@ -228,6 +230,7 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
         "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])
         + [{"name": name, "score": float(score)} for name, score in ranked],
         "ambiguous_with": {c.name: list(proof.ambiguous) for c, proof in zip(fit.causes, proofs) if proof.ambiguous},
+        "lookalikes": [{"effects": sorted(names), "as": what} for names, what in verdict.lookalikes(platform, fit).items()],
         "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
         "where": {
             "channels": where.channels(before, least, log),

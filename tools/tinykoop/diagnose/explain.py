@@ -48,10 +48,7 @@ def prune(search, fit):
     fitter = search.fitter
     while len(fit.causes) > 1:
         rests = [fit.causes[:i] + fit.causes[i + 1 :] for i in range(len(fit.causes))]
-        fewer = [
-            fitter.refine(phases.edge_search(fitter, fitter.refine(fitter.fit_of(rest), steps=3)), steps=3)
-            for rest in rests
-        ]
+        fewer = [phases.settle(fitter, fitter.fit_of(rest)) for rest in rests]
         best = min(fewer, key=search.worth)
         if search.worth(best) > search.worth(fit):
             break
@@ -59,21 +56,21 @@ def prune(search, fit):
     return fit
 
 
-def _phased(pieces, first, without, seed):
+def _phased(pieces, first, without, seed, price):
     """(edges, fit with segments or None, its search)."""
     edges = phases.parts(pieces, first.causes) or phases.parts(pieces)
     if not edges:
         return edges, None, None
-    search = Search(pieces, without, seed)
-    search.singles()
-    fit, again = phases.merge(search, edges, without), None
+    search, parts_known = Search(pieces, without, seed), {}
+    search.price = price
+    fit, again = phases.merge(search, edges, without, parts_known), None
     for _ in range(ROUNDS):
         if fit is None:
             break
         before = pieces.noise
         noise.estimate(pieces, active(fit.causes))
         search.rebase()
-        fit = prune(search, phases.edge_search(search.fitter, search.fitter.refine(search.fitter.fit_of(fit.causes))))
+        fit = prune(search, phases.settle(search.fitter, search.fitter.fit_of(fit.causes)))
         # a change that a larger one hid shows once that is explained
         always = search.fitter.fit_of(first.causes).cost
         large = always - fit.cost > phases.MOSTLY * (always - pieces.degrees)
@@ -81,7 +78,7 @@ def _phased(pieces, first, without, seed):
         more = sorted({*edges, *(row for row in hidden if min(abs(row - edge) for edge in edges) > phases.APART)})
         if more != edges and again is None:
             edges = more
-            again = phases.merge(search, edges, without)
+            again = phases.merge(search, edges, without, parts_known)
             if again and search.worth(again) < search.worth(fit):
                 fit = again
                 continue
@@ -105,7 +102,7 @@ def explain(search, without=(), seed=0):
     nu = noise.estimate(pieces, active(best.causes))
     edges, phased = [], None
     if _something_left(pieces, search.fitter.fit_of(best.causes)):
-        edges, phased, phased_search = _phased(pieces, best, without, seed)
+        edges, phased, phased_search = _phased(pieces, best, without, seed, search.price)
         if phased and not _something_left(pieces, phased):
             return Explanation(phased, phased_search, edges, nu)
     for turn in range(ROUNDS):

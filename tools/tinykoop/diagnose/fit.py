@@ -15,6 +15,7 @@ COORDINATE = (0.0, 0.25, 0.5, 0.75, 1.4, 2.0, 4.0)  # then each by itself,
 FINE = (0.15, 0.2, 0.3, 0.35, 0.4, 0.6, 0.9, 1.15, 2.8)  # and these too where there are few
 PATTERN = (0.5, 0.2, 0.08, 0.03, 0.01)
 ALWAYS = ((-np.inf, np.inf),)
+HELD = 1e-3  # of its usual value, to which a parameter counts as at its bound
 MANY, GUESS = 3, 0.5  # effects of so many parameters are curves: each is guessed at its usual value, give or take half
 
 
@@ -55,6 +56,11 @@ class Fitter:
     def __init__(self, pieces, without=()):
         self.pieces = pieces
         self.effects = {name: spec for name, spec in pieces.platform.effects().items() if name not in without}
+        self._scale, self._bounds = {}, {}
+        for name, (_, spec) in self.effects.items():
+            scale = np.array([abs(p.usual) or 1.0 for p in spec])
+            self._scale[name] = scale
+            self._bounds[name] = np.array([p.low for p in spec]) / scale, np.array([p.high for p in spec]) / scale
 
     def left(self, causes):
         """Whitened residual (n)."""
@@ -69,17 +75,23 @@ class Fitter:
 
     def scale(self, cause):
         """Usual size of each parameter."""
-        return np.array([abs(p.usual) or 1.0 for p in self.effects[cause.name][1]])
+        return self._scale[cause.name]
 
     def bounds(self, cause):
         """Lowest and highest, in usual values."""
-        spec, scale = self.effects[cause.name][1], self.scale(cause)
-        return np.array([p.low for p in spec]) / scale, np.array([p.high for p in spec]) / scale
+        return self._bounds[cause.name]
+
+    def held(self, cause):
+        """Names of the parameters that a bound keeps from going on; zero is no effect, not a bound."""
+        z, (low, high) = self.vector((cause,)), self.bounds(cause)
+        at = (z != 0) & ((z - low < HELD) | (high - z < HELD))
+        return [p.name for p, there in zip(self.effects[cause.name][1], at) if there]
 
     def at(self, cause, z):
         """The cause with parameters z, in usual values, brought inside the bounds."""
         low, high = self.bounds(cause)
-        return replace(cause, params=tuple(float(value) for value in np.clip(z, low, high) * self.scale(cause)))
+        params = np.minimum(np.maximum(z, low), high) * self.scale(cause)
+        return Cause(cause.name, tuple(params.tolist()), cause.segments)
 
     def vector(self, causes):
         """Parameters of all causes, in usual values."""

@@ -20,12 +20,14 @@ SHORT = 20  # rows of the pieces that changes are looked for in
 FEWEST = 4  # of them in a part
 MOST_PARTS = 7
 STRICTNESS = 1.6  # cost of an edge, in generic errors of a part
-MOSTLY = 0.5  # of what effects that act all along leave must go, before further changes are looked for
+MOSTLY = 0.9  # of what effects that act all along leave must go, before further changes are looked for
 APART = 30  # rows between two edges that are not the same
 FAR, NEAR = 120, 12  # rows, by which an edge is moved
+TOGETHER, STRIDE = 6, 2  # steps of edges and parameters at once; rows that tell the slope at an edge
 FEW = {"constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega"} | {
     "heading, sine", "heading, cosine",
 }  # fmt: skip
+HOPELESS = 2.0  # times the cost of a fit: parameters alone do not mend that
 CHANGES = "change of"
 
 
@@ -88,10 +90,18 @@ def _spans(on, times):
     return tuple((ends.get(a, a), ends.get(b, b)) for a, b in out)
 
 
-def merge(search, edges, without):
+def _found(pieces, search, without):
+    """[(worth, cause)] of the best pair that explains these pieces by themselves."""
+    mine = Search(pieces, without, search.seed)
+    best = mine.run(most=2)
+    return [(mine.drop(best, cause.name).cost - best.cost, cause) for cause in best.causes]
+
+
+def merge(search, edges, without, parts_known):
     """The best fit whose effects act in some of the parts only; None if no part has an effect.
 
-    Tells the search's pieces the noise as it is away from the edges.
+    Tells the search's pieces the noise as it is away from the edges. parts_known: what was found in parts
+    (first, last) so far, and will be now.
     """
     pieces, fitter = search.pieces, search.fitter
     bounds = [0, *edges, len(pieces.log.x)]
@@ -112,10 +122,9 @@ def merge(search, edges, without):
         own = _part(calm, first, last)
         if own is None or len(own.starts) < 2:
             continue
-        mine = Search(own, without, search.seed)
-        best = mine.run(most=2)
-        for cause in best.causes:
-            worth = mine.drop(best, cause.name).cost - best.cost
+        if (first, last) not in parts_known:
+            parts_known[first, last] = _found(own, search, without)
+        for worth, cause in parts_known[first, last]:
             if worth > found.get(cause.name, (0,))[0]:
                 found[cause.name] = worth, cause
     causes = [cause for _, cause in sorted(found.values(), key=lambda f: -f[0])][:4]
@@ -129,8 +138,7 @@ def merge(search, edges, without):
         fit = _assign(within, fit.causes, bounds, times)
     fit = within.fitter.restart(within.fitter.refine(fit, steps=4))
     fit = _toggle(within, fit, times)
-    fit = fitter.refine(edge_search(fitter, fitter.fit_of(fit.causes)), steps=4)
-    return edge_search(fitter, fit, NEAR)
+    return edge_search(fitter, settle(fitter, fitter.fit_of(fit.causes)), NEAR)
 
 
 def _assign(search, causes, bounds, times):
@@ -155,25 +163,71 @@ def _assign(search, causes, bounds, times):
 
 
 def edge_search(fitter, fit, far=FAR):
-    """Moves every edge of the causes' segments to the row near it that fits best: first in strides, then row by row."""
-    dt = fitter.pieces.log.dt
-    for reach, stride in ((far, max(far // 30, 1)), (max(far // 30, 3), 1)):
-        for i, j, k in [(i, j, k) for i, c in enumerate(fit.causes) for j in range(len(c.segments)) for k in (0, 1)]:
-            if np.isfinite(fit.causes[i].segments[j][k]):
-                trials = [_moved(fit, i, j, k, rows * dt) for rows in range(-reach, reach + 1, stride) if rows]
-                fit = min([fit, *(fitter.fit_of(t) for t in trials if t)], key=lambda f: f.cost)
+    """Moves every edge of the causes' segments to the row near it that fits best, in ever shorter strides."""
+    pieces, causes = fitter.pieces, fit.causes
+    dt, middle = pieces.log.dt, pieces.starts + pieces.lengths // 2
+    for reach, stride in ((far, far // 12), (far // 12, far // 48), (far // 24, 1)):
+        for i, j, k in _edges(causes):
+            first, last = (edge / dt for edge in causes[i].segments[j])
+            around = reach + pieces.L
+            near = pieces.only((middle > first - around) & (middle < last + around)) or pieces
+            trials = [_moved(causes, i, j, k, rows * dt) for rows in range(-reach, reach + 1, max(stride, 1)) if rows]
+            costs = {t: near.cost(active(t)) for t in (causes, *trials) if t}
+            causes = min(costs, key=costs.get)
+    return fitter.fit_of(causes)
+
+
+def _edges(causes):
+    """(cause, segment, end) of every edge inside the log."""
+    every = [(i, j, k) for i, c in enumerate(causes) for j in range(len(c.segments)) for k in (0, 1)]
+    return [(i, j, k) for i, j, k in every if np.isfinite(causes[i].segments[j][k])]
+
+
+def settle(fitter, fit):
+    """Fits parameters and edges: each by itself, then together, since they make up for one another."""
+    fit = edge_search(fitter, fitter.refine(fit, steps=3))
+    for _ in range(TOGETHER if _edges(fit.causes) else 0):
+        better = _together(fitter, fit)
+        if better.cost > fit.cost - max(1e-3 * fit.cost, 1.0):
+            break
+        fit = better
+    return fitter.refine(fit, steps=3)
+
+
+def _together(fitter, fit):
+    """One Gauss-Newton step of parameters and edges at once, shortened until it helps."""
+    edges, dt = _edges(fit.causes), fitter.pieces.log.dt
+
+    def slope(edge):
+        for rows in (STRIDE, -STRIDE):
+            moved = _moved(fit.causes, *edge, rows * dt)
+            if moved:
+                return (fitter.left(moved) - fit.left) / rows
+        return np.zeros_like(fit.left)
+
+    J = np.column_stack([fitter.jacobian(fit), *map(slope, edges)])
+    size = np.linalg.norm(J, axis=0) + 1e-9
+    step = -np.linalg.lstsq(J / size, fit.left, rcond=1e-6)[0] / size
+    z = fitter.vector(fit.causes)
+    for share in (1.0, 0.5, 0.25):
+        causes = fitter.split(fit.causes, z + share * step[: len(z)])
+        for edge, rows in zip(edges, step[len(z) :]):
+            causes = _moved(causes, *edge, round(share * float(np.clip(rows, -FAR, FAR))) * dt) or causes
+        trial = fitter.fit_of(causes)
+        if trial.cost < fit.cost:
+            return trial
     return fit
 
 
-def _moved(fit, i, j, k, by):
+def _moved(causes, i, j, k, by):
     """Causes with one edge moved; None if that would make no sense."""
-    cause = fit.causes[i]
+    cause = causes[i]
     flat = [edge for segment in cause.segments for edge in segment]
     flat[2 * j + k] += by
     if any(b <= a for a, b in zip(flat, flat[1:])) or not flat[2 * j + k] > 0:
         return None
     segments = tuple(zip(flat[::2], flat[1::2]))
-    return (*fit.causes[:i], replace(cause, segments=segments), *fit.causes[i + 1 :])
+    return (*causes[:i], replace(cause, segments=segments), *causes[i + 1 :])
 
 
 def _toggle(search, fit, times):
@@ -188,7 +242,8 @@ def _toggle(search, fit, times):
             if not spans:
                 continue
             trial = (*fit.causes[:i], replace(fit.causes[i], segments=spans), *fit.causes[i + 1 :])
-            trial = search.fitter.refine(search.fitter.fit_of(trial), steps=2)
-            if search.worth(trial) < search.worth(fit):
-                fit = trial
+            trial = search.fitter.fit_of(trial)
+            if trial.cost < HOPELESS * fit.cost:
+                trial = search.fitter.refine(trial, steps=2)
+                fit = min(fit, trial, key=search.worth)
     return fit

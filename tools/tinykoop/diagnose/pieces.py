@@ -148,6 +148,10 @@ class Pieces:
         e = e.reshape(*e.shape[:-2], -1)
         return e - (self.basis @ (self._basis_t @ e[..., None]))[..., 0]
 
+    def cost(self, active=()):
+        """Sum of squares of what is left, whitened."""
+        return float((self.whiten(self.residual(active)) ** 2).sum())
+
     def settle_starts(self, r):
         """Moves every start to where residuals r (S, L, 3) want it: the projection is linear, the way it turns is not."""
         e = self._filter(r).reshape(len(self.starts), -1)

@@ -42,6 +42,8 @@ class Ddr:
         Integrator("semi-implicit Euler steps", sim.SEMI_IMPLICIT, 0.5),
     )
     command_names = ("v", "omega")
+    # What together looks like something that is no effect here: then they are never sure.
+    lookalikes = {frozenset(("actuator_lag", "transport_delay")): "actuators of second order"}
     # Noise is measured, not fitted: windows() cannot undo it at the start of a piece.
     not_fitted = ("measurement_noise",)
 

@@ -12,6 +12,7 @@ REFINED = 4  # candidates of a scan that are fitted in full
 PAIRS = 4  # pairs that are fitted in full
 DRAWS = 400
 FALSE_ALARMS = 0.005
+EDGE = 0.25  # of a misfit is charged to an effect with a parameter at its bound
 
 
 def price(directions, seed):
@@ -63,13 +64,25 @@ class Search:
         self.price = price(directions, self.seed)
         return self.best(1)
 
+    def heat(self, fit):
+        """Cost per degree of freedom, at least 1: what a misfit feigns is to be divided by."""
+        return max(fit.cost / max(self.pieces.degrees, 1), 1.0)
+
     def worth(self, fit):
-        """Cost with the price of its effects: a further parameter costs what it gains on noise."""
+        """Cost with the price of its effects: a further parameter costs what it gains on noise.
+
+        Cost beyond noise counts by its logarithm, as that of noise of unknown size does: beside a large misfit
+        a small gain is nobody's (overdispersion; Burnham and Anderson 2002, 2.5). An effect that would have to be
+        stronger than is possible, and leaves a misfit all the same, has to answer for part of that.
+        """
+        cost = fit.cost / self.heat(fit) * (1 + np.log(self.heat(fit)))
         if not fit.causes:
-            return fit.cost
+            return cost
         parameters = sum(len(c.params) - 1 for c in fit.causes)
         switches = sum(np.isfinite(s).sum() for c in fit.causes for s in c.segments)
-        return fit.cost + self.price * len(fit.causes) + 2.0 * parameters + 0.5 * self.price * switches
+        edges = sum(bool(self.fitter.held(c)) for c in fit.causes)
+        cost += EDGE * edges * min(self.heat(fit) - 1, 1) * self.pieces.degrees
+        return cost + self.price * len(fit.causes) + 2.0 * parameters + 0.5 * self.price * switches
 
     def best(self, count=None):
         """The best fit of `count` effects, or of all."""
@@ -103,9 +116,17 @@ class Search:
         return min(out, key=lambda f: f.cost) if out else None
 
     def likely(self, fit, count=REFINED):
-        """Effects that promise most on top of `fit`, by a scan without refitting."""
-        rest = [name for name in self.fitter.effects if name not in fit.names]
-        return sorted(rest, key=lambda name: self.fitter.scan(name, fit)[0].cost)[:count]
+        """Effects that promise most on top of `fit`, by their linear parts beside those of what it has."""
+        J = self.fitter.jacobian(fit) if fit.causes else np.zeros((len(fit.left), 0))
+        q = np.linalg.svd(J, full_matrices=False)[0] if J.size else J
+        promise = {}
+        for name, directions in self.seen.items():
+            if name not in fit.names:
+                D = np.stack(directions, 1)
+                size = (D**2).sum(0) + 1e-9
+                own = np.maximum(size - ((q.T @ D) ** 2).sum(0), 1e-3 * size)
+                promise[name] = ((D.T @ fit.left) ** 2 / own).max()
+        return sorted(promise, key=promise.get, reverse=True)[:count]
 
     def reduce(self, fit):
         """Takes out what does not pay."""
@@ -126,9 +147,9 @@ class Search:
         return self.fits[key]
 
     def swap(self, fit):
-        """Tries others in the place of each effect."""
+        """Tries others in the place of each effect; the rest stays as it is, lest it make up for what is gone."""
         for name in fit.names:
-            rest = self.drop(fit, name)
+            rest = self.fitter.fit_of(tuple(c for c in fit.causes if c.name != name))
             others = [n for n in self.likely(rest, 2) if n not in fit.names]
             better = self.extend(rest, others)
             if better and self.worth(better) < self.worth(fit):

@@ -20,6 +20,7 @@ STANDS_OUT = 1.3  # times the noise floor, from which a held-out error is more t
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be called its explanation
 ALIAS = 0.9  # of an effect's worth that another takes over: they may be the same
 STEADY, UNSURE = 0.02, 0.5  # share that commands of one kind vary by; most confidence that such a log allows
+MISSHAPEN = 0.8  # most confidence where what is left is not noise, for no effect has the robot's exact form then; or of lookalikes
 RIVALS = 5  # that are fitted in full
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
 
@@ -109,11 +110,10 @@ class Evidence:
     without: Fit = field(repr=False)
 
 
-def evidence(search, fit, gates):
-    """[Evidence] for every cause: what happens without it and with each other effect in its place."""
+def evidence(search, fit, gates, rests):
+    """[Evidence] for every cause: what happens without it (`rests`) and with each other effect in its place."""
     fitter, out = search.fitter, []
-    for i, cause in enumerate(fit.causes):
-        rest = fitter.refine(fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), steps=5)
+    for cause, rest in zip(fit.causes, rests):
         worth = rest.cost - fit.cost
         scans = {name: fitter.scan(name, rest, cause.segments)[0] for name in fitter.effects if name not in fit.names}
         fits = {}
@@ -126,8 +126,15 @@ def evidence(search, fit, gates):
         ambiguous += [n for n in _pair(search, rest, fit, fits, worth) if n not in ambiguous]
         rivals = [d for name, d in behind.items() if name not in ambiguous] + [worth]
         sure = min(_confidence(rivals, fit, gates), UNSURE if steady(search.pieces) else 1.0)
+        if any(cause.name in names for names in lookalikes(search.pieces.platform, fit)):
+            sure = min(sure, MISSHAPEN)
         out.append(Evidence(worth, absorbed, behind, tuple(ambiguous), sure, rest))
     return out
+
+
+def lookalikes(platform, fit):
+    """{names: what they look like together} of the causes of a fit."""
+    return {names: what for names, what in platform.lookalikes.items() if names <= set(fit.names)}
 
 
 def _alike(search, fit, rival, absorbed, behind, gates):
@@ -164,7 +171,7 @@ def _confidence(rivals, fit, gates):
     heat = 2 * max(1.0, gates.generic.scale) * (1 + 50 * gates.share)
     odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in rivals)
     sure = 1 / (1 + odds)
-    return float(sure * (1 - min(gates.share, 1.0)) * (0.8 if gates.fails else 1.0))
+    return float(sure * (1 - min(gates.share, 1.0)) * (MISSHAPEN if gates.p < SIGNIFICANT else 1.0))
 
 
 def untestable(search, fit):

@@ -9,6 +9,8 @@ SURE = 0.9  # a confidence below is said beside the verdict
 COLOURED = 0.95  # noise that remembers as much is hard to tell from slow errors
 HIDDEN = 0.1  # standard deviations per row, below which a drive separates nothing
 MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
+MOST_SPANS = 2  # times of an effect that are told one by one
+MOST_RIVALS = 3
 
 
 # ---- numbers -------------------------------------------------------------------------------------
@@ -167,6 +169,8 @@ def acts(effect, report):
     spans = [[real(t) for t in span] for span in effect["segments"]]
     if not spans or (spans[0][0] <= 0 and spans[-1][1] >= end * 0.999 and len(spans) == 1):
         return "whole log"
+    if len(spans) > MOST_SPANS:
+        return f"{len(spans)} stretches, {percent(sum(b - a for a, b in spans) / end)} of the log"
     return listed(span(a, b) for a, b in spans)
 
 
@@ -234,9 +238,12 @@ def _shrinks(gap, key, report):
 def _named(effect, report):
     """Phrase, name, rivals and times of one effect."""
     also = rivals(report, effect["name"])
+    if len(also) > MOST_RIVALS:
+        also = [*also[:MOST_RIVALS], f"{len(also) - MOST_RIVALS} more"]
     name = listed([title(effect["name"]), *also], "or") + (": this log cannot tell which" if also else "")
     when = acts(effect, report)
-    return f"{phrase(effect)} ({name})" + ("" if when == "whole log" else f" from {when}")
+    how = "in" if len(effect["segments"]) > MOST_SPANS else "from"
+    return f"{phrase(effect)} ({name})" + ("" if when == "whole log" else f" {how} {when}")
 
 
 def _causes(report):
@@ -381,6 +388,9 @@ def cannot_tell(report):
         also = rivals(report, effect["name"])
         if also:
             said.append(f"{capital(listed([title(effect['name']), *also], 'or'))}: on this log they do the same.")
+    for alike in report["lookalikes"]:
+        names = listed(title(name) for name in alike["effects"])
+        said.append(f"{capital(names)} together may as well be {alike['as']}.")
     if report["not_testable"]:
         names = listed(title(name) for name in report["not_testable"])
         said.append(f"NOT TESTABLE: {names}. This drive would hardly show them, so they may act or not.")

@@ -61,9 +61,9 @@ def _phased(pieces, first, without, seed, price):
     edges = phases.parts(pieces, first.causes) or phases.parts(pieces)
     if not edges:
         return edges, None, None
-    search, parts_known = Search(pieces, without, seed), {}
+    search = Search(pieces, without, seed)
     search.price = price
-    fit, again = phases.merge(search, edges, without, parts_known), None
+    fit, again = phases.merge(search, edges, without), None
     for _ in range(ROUNDS):
         if fit is None:
             break
@@ -78,7 +78,8 @@ def _phased(pieces, first, without, seed, price):
         more = sorted({*edges, *(row for row in hidden if min(abs(row - edge) for edge in edges) > phases.APART)})
         if more != edges and again is None:
             edges = more
-            again = phases.merge(search, edges, without, parts_known)
+            again = phases.merge(search, edges, without, fit.causes)
+            fit = search.fitter.fit_of(fit.causes)  # the noise is another now
             if again and search.worth(again) < search.worth(fit):
                 fit = again
                 continue

@@ -202,21 +202,30 @@ class Fitter:
         seen = [self.fit_of((*base.causes, self.at(cause, z))) for z in starts]
         return min(seen, key=lambda fit: fit.cost), seen
 
-    def coordinates(self, fit):
-        """Scans every parameter of the last cause by itself."""
-        cause, rest = fit.causes[-1], fit.causes[:-1]
-        if len(cause.params) == 1:
+    def coordinates(self, fit, index=-1):
+        """Scans every parameter of one cause by itself."""
+        if len(fit.causes[index].params) == 1:
             return fit
-        low, _ = self.bounds(cause)
-        factors = COORDINATE if len(cause.params) >= MANY else (*COORDINATE, *FINE)
-        for i in range(len(cause.params)):
-            at = fit.causes[-1].params[i] / self.scale(cause)[i] or 1.0
+        low, _ = self.bounds(fit.causes[index])
+        scale = self.scale(fit.causes[index])
+        factors = COORDINATE if len(scale) >= MANY else (*COORDINATE, *FINE)
+        for i in range(len(scale)):
+            at = fit.causes[index].params[i] / scale[i] or 1.0
             for factor in (*factors, *((-1.0,) if low[i] < 0 else ())):
-                z = self.vector((fit.causes[-1],))
+                z = self.vector((fit.causes[index],))
                 z[i] = at * factor
-                trial = self.fit_of((*rest, self.at(cause, z)))
+                causes = list(fit.causes)
+                causes[index] = self.at(causes[index], z)
+                trial = self.fit_of(causes)
                 if trial.cost < fit.cost:
                     fit = trial
+        return fit
+
+    def awake(self, fit):
+        """Scans causes with a parameter at zero: a threshold that is off has no slope to come back by."""
+        for i, cause in enumerate(fit.causes):
+            if 0.0 in cause.params:
+                fit = self.coordinates(fit, i)
         return fit
 
     def add(self, name, base, segments=ALWAYS):

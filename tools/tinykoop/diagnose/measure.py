@@ -79,7 +79,10 @@ def regions(pieces):
 
 
 def held_out(fitter, fit):
-    """Causes (FOLDS) as they come out without the pieces of each fold: one Gauss-Newton step from the whole."""
+    """Causes (FOLDS) as they come out without the pieces of each fold: one Gauss-Newton step from the whole, where it helps.
+
+    It does not where a threshold lies close to a command that was held.
+    """
     pieces, fold = fitter.pieces, regions(fitter.pieces)
     if not fit.causes:
         return [fit.causes] * FOLDS
@@ -93,7 +96,9 @@ def held_out(fitter, fit):
         gram = J[rest].T @ J[rest]
         ridge = np.diag(1e-6 + 1e-3 * np.diag(gram) + 1.0)  # a usual value is a weak guess
         step = np.clip(np.linalg.solve(gram + ridge, J[rest].T @ fit.left[rest]), -0.5, 0.5)
-        out.append(fitter.split(fit.causes, z - step))
+        moved = fitter.split(fit.causes, z - step)
+        better = np.sum(fitter.left(moved)[rest] ** 2) < np.sum(fit.left[rest] ** 2)
+        out.append(moved if better else fit.causes)
     return out
 
 

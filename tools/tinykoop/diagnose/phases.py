@@ -22,7 +22,8 @@ MOST_PARTS = 7
 STRICTNESS = 1.6  # cost of an edge, in generic errors of a part
 MOSTLY = 0.9  # of what effects that act all along leave must go, before further changes are looked for
 APART = 30  # rows between two edges that are not the same
-FAR, NEAR = 120, 12  # rows, by which an edge is moved
+FAR, NEAR = 120, 12  # rows, by which an edge is moved,
+FAR_SECONDS = 8.0  # or as long as that
 TOGETHER, STRIDE = 6, 2  # steps of edges and parameters at once; rows that tell the slope at an edge
 FEW = {"constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega"} | {
     "heading, sine", "heading, cosine",
@@ -90,18 +91,10 @@ def _spans(on, times):
     return tuple((ends.get(a, a), ends.get(b, b)) for a, b in out)
 
 
-def _found(pieces, search, without):
-    """[(worth, cause)] of the best pair that explains these pieces by themselves."""
-    mine = Search(pieces, without, search.seed)
-    best = mine.run(most=2)
-    return [(mine.drop(best, cause.name).cost - best.cost, cause) for cause in best.causes]
-
-
-def merge(search, edges, without, parts_known):
+def merge(search, edges, without, causes=()):
     """The best fit whose effects act in some of the parts only; None if no part has an effect.
 
-    Tells the search's pieces the noise as it is away from the edges. parts_known: what was found in parts
-    (first, last) so far, and will be now.
+    Tells the search's pieces the noise as it is away from the edges, beside what is known to act so far (`causes`).
     """
     pieces, fitter = search.pieces, search.fitter
     bounds = [0, *edges, len(pieces.log.x)]
@@ -113,7 +106,7 @@ def merge(search, edges, without, parts_known):
     if len(calm.starts) < len(bounds):
         return None
     calm.set_noise(pieces.noise)
-    noise.estimate(calm, weigh=False)
+    noise.estimate(calm, active(causes), weigh=False)
     pieces.set_noise(calm.noise, 1.0)
     within = Search(calm, without, search.seed)
     within.price = search.price
@@ -122,9 +115,10 @@ def merge(search, edges, without, parts_known):
         own = _part(calm, first, last)
         if own is None or len(own.starts) < 2:
             continue
-        if (first, last) not in parts_known:
-            parts_known[first, last] = _found(own, search, without)
-        for worth, cause in parts_known[first, last]:
+        mine = Search(own, without, search.seed)
+        best = mine.run(most=2)
+        for cause in best.causes:
+            worth = mine.drop(best, cause.name).cost - best.cost
             if worth > found.get(cause.name, (0,))[0]:
                 found[cause.name] = worth, cause
     causes = [cause for _, cause in sorted(found.values(), key=lambda f: -f[0])][:4]
@@ -134,7 +128,7 @@ def merge(search, edges, without, parts_known):
     times[-1] = len(pieces.log.x) * pieces.log.dt
     fit = _assign(within, causes, bounds, times)
     for _ in range(2):
-        fit = within.fitter.refine(fit, steps=4)
+        fit = within.fitter.awake(within.fitter.refine(fit, steps=4))
         fit = _assign(within, fit.causes, bounds, times)
     fit = within.fitter.restart(within.fitter.refine(fit, steps=4))
     fit = _toggle(within, fit, times)
@@ -166,6 +160,7 @@ def edge_search(fitter, fit, far=FAR):
     """Moves every edge of the causes' segments to the row near it that fits best, in ever shorter strides."""
     pieces, causes = fitter.pieces, fit.causes
     dt, middle = pieces.log.dt, pieces.starts + pieces.lengths // 2
+    far = max(far, round(far / FAR * FAR_SECONDS / dt))
     for reach, stride in ((far, far // 12), (far // 12, far // 48), (far // 24, 1)):
         for i, j, k in _edges(causes):
             first, last = (edge / dt for edge in causes[i].segments[j])

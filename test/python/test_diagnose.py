@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from tinykoop import sim
-from tinykoop.diagnose import diagnose, phases, words
+from tinykoop.diagnose import diagnose, measure, phases, words
 from tinykoop.diagnose.features import Generic
 from tinykoop.diagnose.fit import Cause, Fitter
 from tinykoop.diagnose.noise import estimate, third_differences
@@ -575,6 +575,32 @@ def test_onset_and_size_make_up_for_one_another():
     assert found.params[0] == pytest.approx(0.21, rel=0.02)
 
 
+def test_edge_seconds_away_is_found():
+    """At 50 Hz: an onset six seconds late is three hundred rows off."""
+    rng, dt = np.random.default_rng(5), 0.02
+    u = np.repeat(rng.uniform((0.2, -1.0), (1.8, 1.0), (50, 2)), 40, axis=0)
+    x = sim.simulate(u[:-1], dt, START, Cause("clock_scale", (-0.06,), ((11.7, 27.5),)).active(), sim.ARC)
+    log = as_log(x + noise_of("white", x.shape, 5) * (SP, SP, ST), u, dt=dt)
+    pieces = Pieces(Ddr(), log, ARC)
+    pieces.set_noise(Noise(SP, ST))
+    fitter = Fitter(pieces)
+    (found,) = phases.settle(fitter, fitter.fit_of([Cause("clock_scale", (-0.06,), ((18.0, 27.4),))])).causes
+    assert found.segments[0] == pytest.approx((11.7, 27.5), abs=0.2)
+
+
+def test_threshold_that_is_off_wakes_up():
+    """A limit of zero means none and has no slope: only a scan finds out that the yaw rate is limited too."""
+    truth = Cause("saturation", (1.1, 0.6), ((15.0, 45.0),))
+    log = log_of(drive(LONG, 6), truth.active())
+    pieces = Pieces(Ddr(), log, ARC)
+    pieces.set_noise(Noise(SP, ST))
+    fitter = Fitter(pieces)
+    asleep = fitter.refine(fitter.fit_of([Cause("saturation", (1.1, 0.0), truth.segments)]))
+    assert asleep.causes[0].params[1] == 0
+    (found,) = fitter.refine(fitter.awake(asleep)).causes
+    assert found.params == pytest.approx(truth.params, rel=0.02)
+
+
 # ---- how much --------------------------------------------------------------------------------------
 
 
@@ -597,6 +623,21 @@ def test_claim_is_realised(name):
     report = single(name).report
     claimed, realised = (gap["closed_fraction"]["50"] for gap in (report["gap"], report["fresh"]["gap"]))
     assert claimed == pytest.approx(realised, abs=0.05) and realised > 0.9
+
+
+def test_folds_do_not_jump_over_a_threshold():
+    """A command held just above a dead band: a step that ends beyond it would throw that stretch away."""
+    u = drive(LONG, 9)
+    u[100:400:3, 1] = 0.2001
+    log = log_of(u, [sim.Effect("dead_band", (0.1, 0.2))])
+    pieces = Pieces(Ddr(), log, ARC)
+    pieces.set_noise(Noise(SP, ST))
+    fitter = Fitter(pieces)
+    fit = fitter.fit_of([Cause("dead_band", (0.1, 0.2000999))])
+    folds, rows = measure.regions(pieces), len(fit.left) // len(pieces.starts)
+    for fold, causes in enumerate(measure.held_out(fitter, fit)):
+        rest = np.repeat(folds, rows) != fold
+        assert np.sum(fitter.left(causes)[rest] ** 2) <= np.sum(fit.left[rest] ** 2) + 1e-9
 
 
 def test_noise_floor_is_what_the_noise_leaves():

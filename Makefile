@@ -7,7 +7,7 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control ablate windup diagnose blind study guard bench clean
+.PHONY: help system build c-tests demo test learn control ablate windup diagnose blind study guard bench targets amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -85,6 +85,23 @@ bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve 
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/bench -j $(JOBS)
 	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) bench
+
+targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts (UPDATE=1 takes them over): footprint.json
+	@$(TINYKOOP) targets $(if $(UPDATE),--update)
+
+amalgamate: system ## the drop-in pair tinykoop.c, tinykoop.h (PREFIX=my_ goes before every name) and an Arduino library: amalgamated/
+	@$(PYTHON) tools/amalgamate.py --out $(BUILD)/out/amalgamated $(if $(PREFIX),--prefix "$(PREFIX)")
+
+# In an environment of their own: they bring dozens of packages.
+$(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
+	@echo "Package managers ..."
+	@rm -rf $(BUILD)/packagers
+	@$(PYTHON) -m venv $(BUILD)/packagers
+	@$(BUILD)/packagers/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-packagers.txt
+	@touch $@
+
+packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig
+	@$(VENV)/bin/python -m pytest -q -rs test/python/test_drop_in.py
 
 clean: ## removes build/
 	@rm -rf $(BUILD)

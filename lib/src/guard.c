@@ -1,5 +1,7 @@
 /* The guard: which model the controller plans on. Uses the public interface only. */
 
+#include <string.h>
+
 enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = KOOP_GUARD_OFFLINE };
 
 #define GUARD_ERROR_STEPS 20     /* memory of the one-step errors */
@@ -275,7 +277,6 @@ static void set_storage(KOOP(guard) *g, const KOOP(mpc_config) *c, real *storage
 
 int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(mpc) *mpc,
                      const real *offline, real *storage, size_t reals) {
-	static const KOOP(guard) fresh;
 	if (!guard || !mpc || !mpc->plan || !offline || !storage) { return KOOP_E_NULL; }
 	const int status = guard_config_check(config);
 	if (status != KOOP_OK) { return status; }
@@ -283,14 +284,14 @@ int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(
 	const size_t needed = KOOP_GUARD_REALS(c->n_lifted, c->n_states, c->n_inputs, c->horizon);
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	*guard = fresh;
-	set_config(guard, config ? config : &fresh.config);
+	memset(guard, 0, sizeof *guard);
+	set_config(guard, config ? config : &guard->config);
 	set_storage(guard, c, storage, needed);
 	copy(guard->offline, offline, theta_reals(guard));
 	guard->model = OFFLINE;
 	guard->wait = guard->delay = guard->config.patience;
 	const int learned = learn_response(guard, mpc);
-	if (learned != KOOP_OK) { *guard = fresh; }
+	if (learned != KOOP_OK) { memset(guard, 0, sizeof *guard); }
 	return learned;
 }
 
@@ -338,11 +339,7 @@ int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc
 	if (!psi || !reference || !u || (mpc->config.S && !u_before)) { return KOOP_E_NULL; }
 
 	KOOP(request) request = {
-	    .theta = {rls->theta, guard->last_good, guard->offline},
-	    .psi = psi,
-	    .reference = reference,
-	    .u_before = u_before,
-	    .u = u,
+	    {rls->theta, guard->last_good, guard->offline}, psi, reference, u_before, u, {0, 0}, KOOP_OK,
 	};
 	look_back(guard, psi);
 	guard->model = plan_on_best(guard, mpc, &request);

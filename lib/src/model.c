@@ -42,7 +42,7 @@ static uint32_t model_checksum(const unsigned char *model, size_t size) {
 int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
 	if (size < model_bytes(rls)) { return KOOP_E_STORAGE; }
-	unsigned char *model = bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
+	unsigned char *model = (unsigned char *)bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
 	model_header(rls, model);
 	for (size_t i = 0; i < rls->n_lifted; i++) {
 		for (size_t j = 0; j < rls->n_regressors; j++, at += sizeof(real)) {
@@ -55,7 +55,7 @@ int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
 
 int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
-	const unsigned char *model = bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
+	const unsigned char *model = (const unsigned char *)bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
 	unsigned char expected[KOOP_MODEL_HEADER_BYTES];
 	if (size != model_bytes(rls)) { return KOOP_E_MODEL; }
 	model_header(rls, expected);

@@ -1,7 +1,6 @@
 """What the compiled library promises, read from its object files: no warnings, no heap, no writable data,
 no double arithmetic in float32, no recursion, bounded stack, and only its own names."""
 
-import functools
 import platform
 import re
 import shutil
@@ -9,6 +8,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
+from tinykoop.callgraph import calls, cycle, deepest, held_in_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 LIB = ROOT / "lib"
@@ -161,55 +162,6 @@ def test_stack_of_each_function(compiled, unit, optimise):
 # ---- recursion -------------------------------------------------------------------------------------
 
 
-def held_in_tables(relocations):
-    """The functions whose addresses lie in constant data: dictionaries, regulators, forms."""
-    sections = re.split(r"RELOCATION RECORDS FOR \[(.*)\]:", relocations)
-    data = [text for name, text in zip(sections[1::2], sections[2::2]) if name.startswith((".rodata", ".data"))]
-    return set(re.findall(r"\.text\.(\w+)", "".join(data)))
-
-
-def calls(graph, tables):
-    """{function: functions it may call} of GCC's call graph.
-
-    A call through member m of a struct, as its source line shows, may reach every function of the
-    tables that is named m_* or *_m.
-    """
-    functions = set(re.findall(r'node: \{ title: "(?:[^"]*:)?(\w+)"', graph)) - {"__indirect_call"}
-    reached = {name: set() for name in functions}
-    edge = r'edge: \{ sourcename: "(?:[^"]*:)?(\w+)" targetname: "(?:[^"]*:)?(\w+)" label: "([^"]*):(\d+):\d+" \}'
-    for source, target, path, line in re.findall(edge, graph):
-        if target != "__indirect_call":
-            reached[source].add(target)
-            continue
-        reached[source] |= who_could_be(path, int(line), tables)
-    return reached
-
-
-def who_could_be(path, line, tables):
-    text = Path(path).read_text().splitlines()[line - 1]
-    (member,) = re.findall(r"->(\w+)\(", text)
-    found = {name for name in tables if re.match(rf"{member}_|.*_{member}$", name)}
-    assert found, f"who is {member}?"
-    return found
-
-
-def cycle(reached):
-    """A function that can come to call itself, or None."""
-    state = {}
-
-    def visit(function):
-        if state.get(function) == "open":
-            return function
-        if function in state:
-            return None
-        state[function] = "open"
-        found = next(filter(None, map(visit, sorted(reached.get(function, ())))), None)
-        state[function] = "done"
-        return found
-
-    return next(filter(None, map(visit, sorted(reached))), None)
-
-
 def possible_calls(source, out):
     flags = ["-fcallgraph-info", "-ffunction-sections", "-O0", f"-I{LIB / 'include'}", "-c", source, "-o", out]
     if subprocess.run(["gcc", *flags], capture_output=True).returncode:
@@ -224,24 +176,6 @@ def test_no_recursion(tmp_path, unit):
     reached = possible_calls(LIB / f"{unit}.c", tmp_path / f"{unit}.o")
     assert {"plain_apply", "sqrt_apply", "decide_sift", "lift_rbf_ddr"} <= set().union(*reached.values())
     assert cycle(reached) is None
-
-
-def deepest(graph, tables):
-    """{public function: (bytes of stack with all that it calls, the calls)}."""
-    title = r'"(?:[^"]*:)?([^":]+)"'
-    frames = {name: int(size) for name, size in re.findall(rf'title: {title} label: "[^"]*?(\d+) bytes \(', graph)}
-    called = {name: set() for name in frames}
-    for source, target, path, line in re.findall(
-        rf'sourcename: {title} targetname: {title}(?: label: "([^"]*):(\d+):\d+")?', graph
-    ):
-        called[source] |= who_could_be(path, int(line), tables) if target == "__indirect_call" else {target}
-
-    @functools.cache
-    def depth(name):
-        below = max(map(depth, called.get(name, ())), default=(0, []))
-        return frames.get(name, 0) + below[0], [name, *below[1]]
-
-    return {name: depth(name) for name in frames if name.startswith("koop")}
 
 
 @needs["gcc"]

@@ -32,6 +32,9 @@ def parser():
     add("guard", "random closed-loop runs, guarded against unguarded")
     add("bench", "the update and the solve against peers, side by side")
 
+    cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
+    cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
+
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
@@ -83,6 +86,10 @@ def dispatch(a):
         from . import blind
 
         blind.run(a.out, a.n, a.seed, a.cluster, a.jobs)
+    elif a.command == "targets":
+        from . import targets
+
+        targets.run(a.out, a.update)
     elif a.command == "bench":
         from . import bench
 

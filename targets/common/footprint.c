@@ -1,0 +1,154 @@
+/* Instructions, stack and RAM of lift, update and solve, on the drive of robot.h.
+ * Prints lines of
+ *     instructions <N> <what> <detail> <median> <worst>
+ *     ram <N> <bytes of the learner in square-root form> <bytes of the controller>
+ *     stack <function> <bytes> */
+#include "counter.h"
+#include "robot.h"
+#include "stack.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SOLVES 200 /* of CONTROL, around the step where the slip begins */
+#define SOLVES_FROM (LEARN + CONTROL / 2 - SOLVES / 2)
+
+/* What was seen of one function. */
+typedef struct series {
+	const char *function;
+	uint32_t instructions[SOLVES];
+	size_t count;
+	uint32_t stack; /* largest */
+} series;
+
+static series lifts = {.function = "koopf_lift"};
+static series updates = {.function = "koopf_rls_update"};
+static series solves = {.function = "koopf_mpc_solve"};
+
+static void must(int status) {
+	if (status != KOOP_OK) {
+		printf("%s\n", koopf_status_message(status));
+		exit(1);
+	}
+}
+
+static void add(series *s, uint32_t instructions, uint32_t stack) {
+	if (s->count < SOLVES) { s->instructions[s->count++] = instructions; }
+	if (stack > s->stack) { s->stack = stack; }
+}
+
+#define MEASURE(series, call)                                                                                \
+	do {                                                                                                     \
+		stack_paint();                                                                                       \
+		counter_start();                                                                                     \
+		const int status_ = (call);                                                                          \
+		const uint32_t instructions_ = counter_stop();                                                       \
+		add(series, instructions_, stack_used());                                                            \
+		must(status_);                                                                                       \
+	} while (0)
+
+static int ascending(const void *a, const void *b) {
+	const uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+	return x < y ? -1 : x > y;
+}
+
+static void report(series *s, size_t N, const char *what, const char *detail) {
+	qsort(s->instructions, s->count, sizeof *s->instructions, ascending);
+	printf("instructions %u %s %s %lu %lu\n", (unsigned)N, what, detail, (unsigned long)s->instructions[s->count / 2],
+	       (unsigned long)s->instructions[s->count - 1]);
+	s->count = 0;
+}
+
+static agent a;
+static float path[PATH * STATES];
+static float psi[N_MOST], psi_next[N_MOST];
+
+/* The open-loop drive with an update at each step. */
+static void drive(void) {
+	double pose[STATES] = {0, 0, 0};
+	float x[STATES], u[INPUTS];
+	koopf_health health;
+	lifts.count = updates.count = 0;
+	robot_measure(pose, x);
+	must(koopf_lift(a.config.dictionary, x, psi));
+	for (size_t k = 0; k < LEARN; k++) {
+		robot_command(k, u);
+		robot_step(pose, u, k);
+		robot_measure(pose, x);
+		MEASURE(&lifts, koopf_lift(a.config.dictionary, x, psi_next));
+		MEASURE(&updates, koopf_rls_update(&a.rls, psi, u, psi_next, &health));
+		memcpy(psi, psi_next, sizeof psi);
+	}
+}
+
+static void measure_updates(const koopf_dictionary *dictionary) {
+	static const struct {
+		const char *name;
+		const koopf_form *form;
+		int check;
+	} forms[] = {{"sqrt", &koopf_form_sqrt, KOOP_CHECK_REFUSE},
+	             {"plain", &koopf_form_plain, KOOP_CHECK_REFUSE},
+	             {"plain-diagonal", &koopf_form_plain, KOOP_CHECK_DIAGONAL}};
+	static const koopf_regulator *const regulators[] = {&koopf_reg_none,  &koopf_reg_ef, &koopf_reg_dz_cs,
+	                                                    &koopf_reg_dz_ks, &koopf_reg_ct, &koopf_reg_sift};
+	for (size_t f = 0; f < sizeof forms / sizeof *forms; f++) {
+		for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
+			must(agent_start(&a, dictionary, regulators[r], forms[f].form, forms[f].check, 0));
+			drive();
+			report(&updates, dictionary->n_lifted, regulators[r]->name, forms[f].name);
+		}
+	}
+	report(&lifts, dictionary->n_lifted, "lift", "-");
+}
+
+/* Warm: the closed loop, each solve starts from the last plan. Cold: none does.
+ * Condense: none does, and any plan will do, so that what is left is condensing and
+ * one look at the plan. */
+enum { WARM, COLD, CONDENSE };
+
+/* WARM records its inputs, the other two replay them: all three see the same models,
+ * states and references. */
+static void measure_solves(const koopf_dictionary *dictionary, int kind) {
+	static const char *const names[] = {"warm", "cold", "condense"};
+	static float inputs[SOLVES][INPUTS];
+	const float tolerance = kind == CONDENSE ? 1e30f : 0;
+	double pose[STATES];
+	float x[STATES], u[INPUTS];
+	must(agent_start(&a, dictionary, &koopf_reg_dz_cs, &koopf_form_sqrt, KOOP_CHECK_REFUSE, tolerance));
+	drive();
+	robot_path(pose, path);
+	robot_measure(pose, x);
+	must(koopf_lift(dictionary, x, psi));
+	for (size_t k = 0; k < SOLVES; k++) {
+		const float *reference = path + k * STATES;
+		if (kind != WARM) { must(koopf_mpc_reset(&a.mpc)); }
+		MEASURE(&solves, koopf_mpc_solve(&a.mpc, a.rls.theta, psi, reference, NULL, u, NULL));
+		memcpy(kind == WARM ? inputs[k] : u, kind == WARM ? u : inputs[k], sizeof u);
+		robot_step(pose, u, SOLVES_FROM + k);
+		robot_measure(pose, x);
+		must(koopf_lift(dictionary, x, psi_next));
+		must(koopf_rls_update(&a.rls, psi, u, psi_next, NULL));
+		memcpy(psi, psi_next, sizeof psi);
+	}
+	report(&solves, dictionary->n_lifted, "mpc", names[kind]);
+}
+
+int main(void) {
+	static const koopf_dictionary *const dictionaries[] = {&koopf_poly_ddr, &koopf_rbf_ddr};
+	static const series *const all[] = {&lifts, &updates, &solves};
+	counter_open();
+	for (size_t i = 0; i < sizeof dictionaries / sizeof *dictionaries; i++) {
+		measure_updates(dictionaries[i]);
+		for (int kind = WARM; kind <= CONDENSE; kind++) { measure_solves(dictionaries[i], kind); }
+		const size_t N = dictionaries[i]->n_lifted;
+		const size_t learner = sizeof(koopf_rls) + sizeof(float) * KOOP_RLS_REALS_SQRT(N, INPUTS);
+		const size_t controller =
+		    sizeof(koopf_mpc) + sizeof(float) * KOOP_MPC_REALS_NEWTON(N, STATES, INPUTS, HORIZON);
+		printf("ram %u %u %u\n", (unsigned)N, (unsigned)learner, (unsigned)controller);
+	}
+	for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+		printf("stack %s %lu\n", all[i]->function, (unsigned long)all[i]->stack);
+	}
+	return 0;
+}

@@ -1,0 +1,231 @@
+"""`make targets` without a cross toolchain: what it says is missing, how it reads what the targets print, and
+what it compares."""
+
+import copy
+import json
+import re
+
+import pytest
+
+from tinykoop import callgraph, targets
+from tinykoop.errors import UserError
+
+ALL = {"arm-none-eabi-gcc", "riscv64-unknown-elf-gcc", "qemu-system-arm", "qemu-system-riscv32"}
+
+
+def absent(*tools, specs=True):
+    there = ALL - set(tools)
+    return targets.missing(which=lambda name: name if name in there else None, has_specs=lambda compiler: specs)
+
+
+def test_names_the_packages_that_are_missing():
+    assert absent() == []
+    assert absent("qemu-system-riscv32") == ["qemu-system-misc"]
+    assert absent("arm-none-eabi-gcc") == ["gcc-arm-none-eabi", "picolibc-arm-none-eabi"]
+    assert absent(specs=False) == ["picolibc-arm-none-eabi", "picolibc-riscv64-unknown-elf"]
+    assert len(absent(*ALL)) == 6
+
+
+def test_installs_nothing_and_gives_the_command(monkeypatch, tmp_path):
+    monkeypatch.setattr(targets, "missing", lambda: ["qemu-system-arm", "gcc-arm-none-eabi"])
+    monkeypatch.setattr(targets.subprocess, "run", lambda *a, **k: pytest.fail("something was run"))
+    with pytest.raises(UserError, match="sudo apt-get install qemu-system-arm gcc-arm-none-eabi$"):
+        targets.run(tmp_path / "out")
+
+
+# ---- targets ---------------------------------------------------------------------------------------
+
+
+def test_a_target_is_a_folder_with_two_files():
+    assert {"cortex-m4f", "cortex-m7", "cortex-m55", "cortex-m0plus", "rv32imafc"} <= set(targets.targets())
+    for name in targets.targets():
+        assert {path.name for path in (targets.FOLDER / name).iterdir()} == {"toolchain.cmake", "memory.ld"}
+    runs = {name for name in targets.targets() if targets.Tree(name, "O2").runs}
+    assert runs == set(targets.targets()) - {"cortex-m0plus"}
+
+
+def test_tests_that_are_left_out_exist_and_have_a_reason():
+    subjects = {path.stem.removeprefix("test_") for path in (targets.ROOT / "test/c").glob("test_*.c")}
+    tests = {f"{subject}_{precision}" for subject in subjects for precision in ("koopf", "koopd")}
+    for where, what, why in targets.LEFT_OUT:
+        assert any(re.fullmatch(what, test) for test in tests), what
+        assert any(re.fullmatch(f"{where}.*", target) for target in targets.targets()), where
+        assert why
+    for target in targets.targets():
+        kept = {test for test in tests if not targets.left_out(target, test)}
+        assert {f"{subject}_koopf" for subject in subjects - {"mpc_random", "guard", "long_run"}} <= kept
+    assert not targets.left_out("cortex-m7", "guard_koopf")
+
+
+# ---- closed loop -----------------------------------------------------------------------------------
+
+HOST = "run poly\n0x1p+0 0x1p+1\n0x1p+1 0x1p+1\nrun rbf\n0x1p+0 0x0p+0\n"
+
+
+def test_equal_loops_differ_by_nothing():
+    assert targets.compare_loops(HOST, HOST) == {"poly": 0, "rbf": 0}
+
+
+def test_a_difference_is_relative_to_its_column():
+    other = HOST.replace("run poly\n0x1p+0", "run poly\n0x1.8p+0")
+    assert targets.compare_loops(HOST, other) == {"poly": 0.25, "rbf": 0}
+
+
+@pytest.mark.parametrize("other", ["", "run poly\n", HOST.replace("0x1p+1 0x1p+1\nrun", "run"), HOST.split("run rbf")[0]])
+def test_a_loop_that_is_cut_short_differs(other):
+    assert max(targets.compare_loops(HOST, other).values()) == float("inf")
+
+
+def test_a_host_that_prints_nothing_is_no_reference():
+    with pytest.raises(UserError):
+        targets.compare_loops("", HOST)
+
+
+def test_not_a_number_differs():
+    other = HOST.replace("0x1p+1 0x1p+1\nrun", "0x1p+1 nan\nrun")
+    assert targets.compare_loops(HOST, other) == {"poly": float("inf"), "rbf": 0}
+
+
+# ---- footprint -------------------------------------------------------------------------------------
+
+
+def printed():
+    lines = []
+    for n in targets.SIZES:
+        lines += [f"instructions {n} lift - {n} {n + 1}"]
+        for f, form in enumerate(targets.FORMS):
+            lines += [f"instructions {n} {name} {form} {10 * n + f} {10 * n + f + 1}" for name in targets.REGULATORS]
+        for k, kind in enumerate(("warm", "cold", "condense")):
+            lines += [f"instructions {n} mpc {kind} {1000 * k + n} {2000 * k + n}"]
+        lines += [f"ram {n} 100 200"]
+    return "\n".join([*lines, "stack koopf_rls_update 300", "stack koopf_mpc_solve 400"])
+
+
+def test_reads_what_the_program_prints():
+    counted = targets.Counted.read(printed())
+    assert counted.ram[22] == (100, 200)
+    assert counted.stack["koopf_mpc_solve"] == 400
+    row = targets.instructions(counted.instructions[22])
+    assert row["lift"] == 22
+    assert row["rls_update"]["ef"] == 221 and row["rls_update_plain"]["ef"] != row["rls_update_plain_checked"]["ef"]
+    assert row["mpc_solve"] == {"warm": 22, "cold": 1022, "condense": 2022, "worst": 2022}
+
+
+def test_what_must_hold_of_a_row():
+    row = {**rows()[0], "foreign": [], "stack_seen": {"koopf_lift": 500, "koopf_rls_update": 316}}
+    row["stack"] = {"koopf_lift": 100, "koopf_rls_update": 300}
+    assert targets.check(row) == []
+    row["stack_seen"] = None
+    assert targets.check(row) == []
+    bad = {**row, "stack": {"koopf_lift": 513, "koopf_rls_update": 300}, "stack_seen": {"koopf_rls_update": 317}}
+    bad |= {"bss": 4, "foreign": ["malloc"]}
+    lines = targets.check(bad)
+    assert [line.removeprefix("chip N7_m2_H50_O2: ") for line in lines] == [
+        "koopf_lift may take 513 bytes of stack",
+        "koopf_rls_update took 317 bytes of stack, not 300",
+        "4 bytes of writable globals in bss",
+        "koopf.c needs malloc",
+    ]
+
+
+@pytest.mark.parametrize(
+    "name", ["malloc", "printf", "sin", "sqrt", "__aeabi_dadd", "__aeabi_f2d", "__adddf3", "__extendsfdf2", "__truncdfsf2"]
+)
+def test_heap_printing_and_double_arithmetic_are_foreign(name):
+    assert targets.foreign_names(f"         U sinf\n         U {name}\n") == [name]
+
+
+def test_what_a_soft_float_target_needs_is_not_foreign():
+    assert targets.foreign_names(" U memcpy\n U expf\n U __aeabi_fadd\n U __aeabi_fcmplt\n U __aeabi_uidiv\n") == []
+
+
+# ---- against what is committed ---------------------------------------------------------------------
+
+
+def rows():
+    counted = targets.Counted.read(printed())
+    return [
+        {
+            "target": "chip",
+            "precision": "f32",
+            "config": f"N{n}_m2_H50_O2",
+            "text": 1000,
+            "text_learn": 500,
+            "data": 0,
+            "bss": 0,
+            "stack": {"koopf_lift": 100},
+            "ram": {"learn": 100, "control": 200},
+            "instructions": targets.instructions(counted.instructions[n]),
+        }
+        for n in targets.SIZES
+    ]
+
+
+def test_equal_figures_are_no_change():
+    assert targets.changes(rows(), rows()) == []
+
+
+@pytest.mark.parametrize("grown, told", [(1050, False), (1051, True), (900, False)])
+def test_growth_beyond_five_percent_is_told(grown, told):
+    now = rows()
+    now[1]["text"] = grown
+    assert targets.changes(rows(), now) == [f"chip N22_m2_H50_O2 text: {grown}, was 1000"] * told
+
+
+def test_growth_from_nothing_is_told():
+    now = rows()
+    now[0]["data"] = 4
+    assert targets.changes(rows(), now) == ["chip N7_m2_H50_O2 data: 4, was 0"]
+
+
+def test_new_and_vanished_figures_are_told():
+    now = copy.deepcopy(rows())
+    now[0]["stack"] = {"koopf_more": 8}
+    name = "chip N7_m2_H50_O2 stack"
+    assert targets.changes(rows(), now) == [f"{name} koopf_more: 8, is new", f"{name} koopf_lift: gone, was 100"]
+    assert len(targets.changes(rows(), rows()[:1])) == len(targets.figures(rows())) / 2
+    assert len(targets.changes([], rows())) == len(targets.figures(rows()))
+
+
+def test_committed_figures_are_of_every_target_and_level():
+    committed = json.loads(targets.COMMITTED.read_text())
+    seen = {(row["target"], row["config"]) for row in committed}
+    assert seen == {(t, f"N{n}_m2_H50_{level}") for t in targets.targets() for n in targets.SIZES for level in targets.LEVELS}
+    for row in committed:
+        assert row["data"] == 0 and row["bss"] == 0 and row["foreign"] == []
+
+
+def test_the_table_in_the_docs_is_of_the_committed_figures():
+    pages = [page.read_text() for name in targets.PAGES if (page := targets.ROOT / name).exists()]
+    tables = [text.split(targets.BEGIN)[1].split(targets.END)[0] for text in pages if targets.BEGIN in text]
+    committed = targets.markdown(json.loads(targets.COMMITTED.read_text()))
+    for table in tables:
+        assert targets.BEGIN + table + targets.END == committed
+
+
+def test_pages_are_rewritten_between_the_markers_only(monkeypatch, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{targets.BEGIN}\nold\n{targets.END}\nafter\n")
+    monkeypatch.setattr(targets, "ROOT", tmp_path)
+    monkeypatch.setattr(targets, "PAGES", ("page.md", "absent.md"))
+    monkeypatch.setattr(targets, "markdown", lambda rows: f"{targets.BEGIN}\nnew\n{targets.END}")
+    targets.write_pages([])
+    assert page.read_text() == f"before\n{targets.BEGIN}\nnew\n{targets.END}\nafter\n"
+
+
+# ---- call graph ------------------------------------------------------------------------------------
+
+
+def test_calls_through_tables_count(tmp_path):
+    source = tmp_path / "source.c"
+    source.write_text("x = rls->config.form->gain(rls);\n")
+    graph = (
+        'node: { title: "koopf_f" label: "koopf_f\\n10 bytes (static)" }\n'
+        'node: { title: "s.c:plain_gain" label: "plain_gain\\n20 bytes (static)" }\n'
+        'node: { title: "s.c:sqrt_gain" label: "sqrt_gain\\n30 bytes (static)" }\n'
+        f'edge: {{ sourcename: "koopf_f" targetname: "__indirect_call" label: "{source}:1:5" }}\n'
+    )
+    relocations = "RELOCATION RECORDS FOR [.rodata.table]:\n00 R_ARM_ABS32  plain_gain\n04 R_ARM_ABS32  .text.sqrt_gain\n"
+    tables = callgraph.held_in_tables(relocations)
+    assert tables == {"plain_gain", "sqrt_gain"}
+    assert callgraph.deepest(graph, tables) == {"koopf_f": (40, ["koopf_f", "sqrt_gain"])}

@@ -1,0 +1,501 @@
+"""Builds for microcontrollers, runs on QEMU: tests, closed loop, footprint.
+
+A target is a folder of targets/ with a toolchain.cmake and a memory.ld. Where the toolchain names a QEMU
+machine, the C tests and the closed loop run there and instructions are counted; the others are only sized.
+"""
+
+import json
+import math
+import os
+import re
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial, reduce
+from pathlib import Path
+
+from . import callgraph
+from .errors import UserError
+from .results import number, output_folder, print_table, progress, write_bytes, write_json
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "targets"
+BUILD = ROOT / "build/targets"
+COMMITTED = FOLDER / "footprint.json"
+
+LEVELS = {"O2": "RelWithDebInfo", "Os": "MinSizeRel"}
+GROWTH = 0.05  # of a figure, that is let pass
+STACK = 512  # bytes, of any public call
+SLACK = 16  # bytes of stack that paint cannot tell
+TOLERANCE = 1e-4  # of the closed loop, relative to the range of each column
+
+# Tests that are not run on a target: (target, test, why).
+LEFT_OUT = (
+    (".*", "mpc_random_.*", "a campaign of 30,000 solves, minutes under emulation; in double its arrays exceed the M4F's RAM"),
+    ("(?!cortex-m7)", "guard_koopf", "dozens of closed loops, a minute or more: run on one target"),
+    (".*", "guard_koopd", "likewise, and the code is guard_koopf's"),
+    ("rv32imafc", "long_run_koopf", "compares with long double, which is of 128 bits and computed in software: minutes"),
+    ("(?!cortex-m7)", "(regulators|covariance|long_run|mpc|refusal)_koopd", "double is computed in software, minutes under emulation"),
+)
+
+# What lib/ may ask of its surroundings in float32. Not on the list: any double arithmetic, heap, printing.
+ALLOWED = re.compile(
+    r"mem(cpy|move|set|cmp)|strlen|(sqrt|sin|cos|exp|atan2|fabs)f"
+    r"|__aeabi_(fadd|fsub|frsub|fmul|fdiv|fcmp(eq|lt|le|ge|gt|un)|f2u?iz|u?i2f|u?l2f|u?idiv|u?idivmod|lmul|llsl|llsr|mem(cpy|move|set|clr)[48]?)"
+    r"|__(clz|ctz)[sd]i2|__gnu_thumb1_case_\w+"
+)
+
+LEARN = ("koopf_lift", "koopf_rbf_ddr", "koopf_rls_init", "koopf_rls_update", "koopf_reg_dz_cs", "koopf_form_sqrt")
+
+
+# ---- what the system must have ---------------------------------------------------------------------
+
+
+def _has_specs(compiler):
+    done = subprocess.run([compiler, "-print-file-name=picolibc.specs"], capture_output=True, text=True)
+    return Path(done.stdout.strip()).is_absolute()
+
+
+def missing(which=shutil.which, has_specs=_has_specs):
+    """Debian packages that are needed and not there."""
+    packages = []
+    for prefix, compiler, libc in (
+        ("arm-none-eabi-", "gcc-arm-none-eabi", "picolibc-arm-none-eabi"),
+        ("riscv64-unknown-elf-", "gcc-riscv64-unknown-elf", "picolibc-riscv64-unknown-elf"),
+    ):
+        there = which(f"{prefix}gcc")
+        packages += [] if there else [compiler]
+        packages += [] if there and has_specs(f"{prefix}gcc") else [libc]
+    packages += [] if which("qemu-system-arm") else ["qemu-system-arm"]
+    packages += [] if which("qemu-system-riscv32") else ["qemu-system-misc"]
+    return packages
+
+
+# ---- one build tree --------------------------------------------------------------------------------
+
+
+def _run(*command, timeout=600, **options):
+    """Its output; what fails is said with its last lines."""
+    command = [str(part) for part in command]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=timeout, **options)
+    except subprocess.TimeoutExpired:
+        raise UserError(f"no end after {timeout} s: {' '.join(command)}")
+    if done.returncode:
+        tail = "\n".join((done.stdout + done.stderr).strip().splitlines()[-15:])
+        raise UserError(f"exit status {done.returncode}: {' '.join(command)}\n{tail}")
+    return done.stdout + done.stderr
+
+
+class Tree:
+    """The build of one target at one optimisation level."""
+
+    def __init__(self, target, level):
+        self.target, self.level = target, level
+        self.folder = BUILD / f"{target}-{level}"
+        text = (FOLDER / target / "toolchain.cmake").read_text()
+        self.prefix = re.search(r"set\(TARGET_COMPILER (\S+)\)", text)[1]
+        self.flags = re.search(r"set\(TARGET_FLAGS (.+)\)", text)[1].split()
+        self.runs = "set(TARGET_QEMU " in text
+        self.tested = self.runs and level == "O2"
+
+    def build(self):
+        options = {
+            "CMAKE_TOOLCHAIN_FILE": FOLDER / self.target / "toolchain.cmake",
+            "CMAKE_BUILD_TYPE": LEVELS[self.level],
+            "TINYKOOP_HOST": "OFF",
+            "TINYKOOP_TESTS": "ON" if self.runs else "OFF",
+            "TINYKOOP_TARGETS": "ON" if self.runs else "OFF",
+        }
+        _run("cmake", "-S", ROOT, "-B", self.folder, *[f"-D{name}={value}" for name, value in options.items()])
+        programs = ["tinykoop"] + (["closed_loop", "closed_loop_libm", "footprint"] if self.runs else [])
+        programs += [f"test_{name}" for name in self.tests()] if self.tested else []
+        _run("cmake", "--build", self.folder, "--target", *programs)
+
+    def ctest(self):
+        return json.loads(_run("ctest", "--test-dir", self.folder, "--show-only=json-v1"))["tests"]
+
+    def tests(self):
+        """Names of those to be run."""
+        return [test["name"] for test in self.ctest() if not left_out(self.target, test["name"])]
+
+    def test(self):
+        _run("ctest", "--test-dir", self.folder, "--output-on-failure", "-R", f"^({'|'.join(self.tests())})$")
+
+    def emulate(self, program, *options):
+        """What a program of targets/common prints; QEMU is called as CTest calls it."""
+        *qemu, kernel, _ = self.ctest()[0]["command"]
+        return _run(*qemu, *options, kernel, self.folder / "targets/common" / program)
+
+    def tool(self, name, *arguments):
+        return _run(f"{self.prefix}{name}", *arguments)
+
+    @property
+    def object(self):
+        return self.folder / "CMakeFiles/tinykoop.dir/lib/koopf.c.obj"
+
+
+def left_out(target, test):
+    """Why a test is not run on a target, or None."""
+    return next((why for where, what, why in LEFT_OUT if re.fullmatch(f"{where}.*", target) and re.fullmatch(what, test)), None)
+
+
+# ---- closed loop ------------------------------------------------------------------------------------
+
+
+def read_runs(text):
+    """{run: rows of floats} of what closed_loop prints."""
+    runs, rows = {}, None
+    for line in text.splitlines():
+        if line.startswith("run "):
+            rows = runs.setdefault(line[4:], [])
+        elif rows is not None and line:
+            rows.append([float.fromhex(value) for value in line.split()])
+    return runs
+
+
+def largest_difference(ours, theirs):
+    """Largest difference of two runs' poses and inputs, relative to the largest value of its column."""
+    if len(ours) != len(theirs) or not ours:
+        return math.inf
+    scale = [max(map(abs, column)) or 1.0 for column in zip(*ours)]
+    differences = [abs(a - b) / s for row, other in zip(ours, theirs) for a, b, s in zip(row, other, scale)]
+    return max(differences) if all(map(math.isfinite, differences)) else math.inf
+
+
+def compare_loops(ours, theirs):
+    """{run: largest_difference}."""
+    ours, theirs = read_runs(ours), read_runs(theirs)
+    if not ours:
+        raise UserError("the host's closed loop printed nothing")
+    return {name: largest_difference(rows, theirs.get(name, [])) for name, rows in ours.items()}
+
+
+def host_loops():
+    """What the two programs print on the host."""
+    folder = BUILD / "host"
+    _run("cmake", "-S", ROOT, "-B", folder, "-DTINYKOOP_HOST=OFF", "-DTINYKOOP_TARGETS=ON")
+    _run("cmake", "--build", folder)
+    return {name: _run(folder / "targets/common" / name) for name in ("closed_loop", "closed_loop_libm")}
+
+
+# ---- footprint --------------------------------------------------------------------------------------
+
+
+def linked_size(tree, roots):
+    """{text, data, bss} of the library's object once a linker has thrown away what `roots` do not need."""
+    part = tree.folder / "part.o"
+    keep = [f"-Wl,-u,{name}" for name in roots]
+    tree.tool("gcc", *tree.flags, "-r", "-nostdlib", "-Wl,--gc-sections", *keep, tree.object, "-o", part)
+    text, data, bss = tree.tool("size", part).splitlines()[1].split()[:3]
+    return {"text": int(text), "data": int(data), "bss": int(bss)}
+
+
+def public_names(tree):
+    lines = tree.tool("nm", "-g", "--defined-only", tree.object).splitlines()
+    return [line.split()[-1] for line in lines]
+
+
+def foreign_names(symbols):
+    """Of `nm -u`: what is not on the list of what lib/ may ask for."""
+    return sorted(name for name in symbols.split() if name != "U" and not ALLOWED.fullmatch(name))
+
+
+def stack(tree):
+    """{public function: bytes, with all that it may call except libm}; refuses recursion."""
+    graph = tree.object.with_suffix(".ci").read_text()
+    tables = callgraph.held_in_tables(tree.tool("objdump", "-r", tree.object))
+    if name := callgraph.cycle(callgraph.calls(graph, tables)):
+        raise UserError(f"{tree.target}: {name} can come to call itself")
+    return {name: size for name, (size, _) in sorted(callgraph.deepest(graph, tables).items())}
+
+
+@dataclass
+class Counted:
+    """What the program footprint prints."""
+
+    instructions: dict  # {N: {(what, detail): (median, worst)}}
+    ram: dict  # {N: (learner, controller)}, bytes
+    stack: dict  # {function: bytes}
+
+    @classmethod
+    def read(cls, text):
+        seen = cls({}, {}, {})
+        for line in text.splitlines():
+            kind, *words = line.split()
+            if kind == "instructions":
+                n, what, detail, median, worst = words
+                seen.instructions.setdefault(int(n), {})[what, detail] = (int(median), int(worst))
+            elif kind == "ram":
+                seen.ram[int(words[0])] = tuple(map(int, words[1:]))
+            elif kind == "stack":
+                seen.stack[words[0]] = int(words[1])
+        return seen
+
+
+REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+FORMS = {"sqrt": "rls_update", "plain-diagonal": "rls_update_plain", "plain": "rls_update_plain_checked"}
+SIZES = (7, 22)
+
+
+def instructions(counts):
+    """The part of footprint.json; an update's figure is its worst, a solve's its median."""
+    row = {"lift": counts["lift", "-"][0]}
+    for form, key in FORMS.items():
+        row[key] = {regulator: counts[regulator, form][1] for regulator in REGULATORS}
+    row["mpc_solve"] = {kind: counts["mpc", kind][0] for kind in ("condense", "cold", "warm")}
+    row["mpc_solve"]["worst"] = max(counts["mpc", kind][1] for kind in ("cold", "warm"))
+    return row
+
+
+def check(row):
+    """What must hold of a row, as lines of what does not.
+
+    Stack that a call took on the target is held against the call graph's, but not lift's: libm is in it.
+    """
+    deep = [f"{name} may take {size} bytes of stack" for name, size in row["stack"].items() if size > STACK]
+    for name, size in (row["stack_seen"] or {}).items():
+        if name != "koopf_lift" and size > row["stack"][name] + SLACK:
+            deep.append(f"{name} took {size} bytes of stack, not {row['stack'][name]}")
+    writable = [f"{row[name]} bytes of writable globals in {name}" for name in ("data", "bss") if row[name]]
+    foreign = [f"koopf.c needs {name}" for name in row["foreign"]]
+    return [f"{row['target']} {row['config']}: {line}" for line in deep + writable + foreign]
+
+
+def footprint(tree, printed):
+    """Rows of footprint.json for one target and level; `printed` by its footprint program, or None."""
+    everything = linked_size(tree, public_names(tree))
+    counted = Counted.read(printed) if printed else None
+    return [
+        {
+            "target": tree.target,
+            "precision": "f32",
+            "config": f"N{n}_m2_H50_{tree.level}",
+            **everything,
+            "text_learn": linked_size(tree, LEARN)["text"],
+            "foreign": foreign_names(tree.tool("nm", "-u", tree.object)),
+            "stack": stack(tree),
+            "stack_seen": counted and counted.stack,
+            "ram": counted and dict(zip(("learn", "control"), counted.ram[n])),
+            "instructions": counted and instructions(counted.instructions[n]),
+        }
+        for n in SIZES
+    ]
+
+
+# ---- against what is committed ------------------------------------------------------------------------
+
+
+def figures(rows):
+    """{"target config key ..": number} of rows of footprint.json."""
+    flat = {}
+
+    def walk(path, value):
+        if isinstance(value, dict):
+            for key, item in value.items():
+                walk((*path, key), item)
+        elif isinstance(value, (int, float)):
+            flat[" ".join(path)] = value
+
+    for row in rows:
+        walk((row["target"], row["config"]), {key: item for key, item in row.items() if key not in ("target", "config")})
+    return flat
+
+
+def changes(committed, now):
+    """One line for each figure that grew by more than GROWTH, is new, or is gone."""
+    old, new = figures(committed), figures(now)
+    lines = [f"{name}: {new[name]}, was {old[name]}" for name in new if name in old and new[name] > old[name] * (1 + GROWTH)]
+    lines += [f"{name}: {new[name]}, is new" for name in new if name not in old]
+    return lines + [f"{name}: gone, was {old[name]}" for name in old if name not in new]
+
+
+def read_committed():
+    if not COMMITTED.exists():
+        return []
+    try:
+        return json.loads(COMMITTED.read_text())
+    except json.JSONDecodeError as error:
+        raise UserError(f"{COMMITTED}: {error}")
+
+
+BEGIN, END = "<!-- footprint: begin, written by make targets UPDATE=1 -->", "<!-- footprint: end -->"
+PAGES = ("README.md", "docs/microcontroller.md", "targets/README.md")
+
+HEADERS = [
+    "target", "config", "code", "learn", "stack", "lift", "plain", "sqrt", "condense k", "warm k", "cold k", "worst k",
+]  # fmt: skip
+
+
+def table(rows):
+    """Cells of the table on the terminal: a line for each target, size and level."""
+    lines = []
+    for row in rows:
+        line = [row["target"], row["config"].replace("_m2_H50", ""), row["text"], row["text_learn"], max(row["stack"].values())]
+        if count := row["instructions"]:
+            mpc = count["mpc_solve"]
+            line += [count["lift"], count["rls_update_plain"]["ef"], count["rls_update"]["ef"]]
+            line += [round(mpc[key] / 1000) for key in ("condense", "warm", "cold", "worst")]
+        lines.append([cell if isinstance(cell, str) else _grouped(cell) for cell in line + [None] * (len(HEADERS) - len(line))])
+    return lines
+
+
+def _markdown(title, headers, lines):
+    cells = [headers, ["---"] + ["---:"] * (len(headers) - 1), *lines]
+    return "\n".join([f"**{title}**", "", *("| " + " | ".join(map(str, line)) + " |" for line in cells), ""])
+
+
+def _grouped(value):
+    return "-" if value is None else f"{value:,}"
+
+
+def _level(row):
+    return row["config"].rsplit("_", 1)[1]
+
+
+def _size(row):
+    return int(row["config"].split("_")[0][1:])
+
+
+def _instructions_table(rows, level):
+    counted = [row for row in rows if row["instructions"] and _level(row) == level]
+    lines = []
+    for key, value in (counted[0]["instructions"] if counted else {}).items():
+        names = [(key, part) for part in value] if isinstance(value, dict) else [(key,)]
+        for name in names:
+            cells = [reduce(lambda tree, part: tree[part], name, row["instructions"]) for row in counted]
+            lines.append([" ".join([NAMES[key], *name[1:]]), *map(_grouped, cells)])
+    headers = ["", *[f"{row['target']} N = {_size(row)}" for row in counted]]
+    return _markdown(f"Instructions at -{level}, m = 2, horizon 50", headers, lines)
+
+
+NAMES = {
+    "lift": "lift",
+    "rls_update": "update, square root,",
+    "rls_update_plain": "update, plain, diagonal checked,",
+    "rls_update_plain_checked": "update, plain, factored at every sample,",
+    "mpc_solve": "MPC",
+}
+
+
+def markdown(rows):
+    """All of footprint.json as tables, with the two markers around."""
+    once = [row for row in rows if _size(row) == SIZES[0]]
+    code = [[f"{row['target']} -{_level(row)}", *map(_grouped, (row["text"], row["text_learn"], row["data"], row["bss"]))] for row in once]
+    functions = sorted({name for row in once for name in row["stack"]})
+    depth = [[f"`{name}`", *[_grouped(row["stack"].get(name)) for row in once]] for name in functions]
+    ram = {_size(row): row["ram"] for row in rows if row["ram"]}
+    memory = [[f"N = {n}, m = 2, horizon 50", *map(_grouped, both.values())] for n, both in ram.items()]
+    parts = [
+        BEGIN,
+        "",
+        _markdown("Bytes of code, koopf.c", ["", "everything", "lift and update only", "data", "bss"], code),
+        _markdown("Bytes of the caller's RAM", ["", "learner, square root", "controller"], memory),
+        _markdown("Bytes of stack, libm left out", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
+        *[_instructions_table(rows, level) for level in LEVELS],
+        END,
+    ]
+    return "\n".join(parts)
+
+
+def write_pages(rows):
+    """The table between the two markers of every page that has them."""
+    for page in (ROOT / name for name in PAGES):
+        text = page.read_text() if page.exists() else ""
+        if BEGIN in text and END in text:
+            before, rest = text.split(BEGIN, 1)
+            write_bytes(page, (before + markdown(rows) + rest.split(END, 1)[1]).encode())
+
+
+# ---- all of it ----------------------------------------------------------------------------------------
+
+
+def targets():
+    return sorted(path.parent.name for path in FOLDER.glob("*/toolchain.cmake") if path.parent.name != "common")
+
+
+def loops(tree, host):
+    """{program: {run: difference from the host's}}; with libm's own functions at one level only."""
+    programs = ("closed_loop", "closed_loop_libm") if tree.tested else ("closed_loop",)
+    seen = {name: compare_loops(host[name], tree.emulate(name)) for name in programs}
+    for name, difference in seen["closed_loop"].items():
+        if not difference <= TOLERANCE:
+            raise UserError(f"{tree.target} {tree.level}: closed loop {name} differs from the host's by {difference:.2g}")
+    return seen
+
+
+def jobs(trees, host):
+    """{(target, level, what): function}, the long ones first."""
+    work = {(tree.target, tree.level, "tests"): tree.test for tree in trees if tree.tested}
+    for tree in trees:
+        if tree.runs:
+            work[tree.target, tree.level, "loops"] = partial(loops, tree, host)
+            work[tree.target, tree.level, "counts"] = partial(tree.emulate, "footprint", "-icount", "shift=0")
+    return work
+
+
+def attempt(function):
+    """Its result, or the UserError it raised: one target's failure does not hide the others'."""
+    try:
+        return function()
+    except UserError as error:
+        return error
+
+
+def side_by_side(functions, description):
+    """Their results; on all cores. Where one raises, those not yet begun are dropped."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        started = [pool.submit(function) for function in functions]
+        try:
+            return [future.result() for future in progress(started, description)]
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def run(out, update=False):
+    """Writes footprint.json into `out`; raises where a test fails, a loop differs or a figure grew."""
+    if packages := missing():
+        raise UserError(f"missing Debian packages: sudo apt-get install {' '.join(packages)}")
+    out = output_folder(out)
+    trees = [Tree(target, level) for target in targets() for level in LEVELS]
+    side_by_side([tree.build for tree in trees], "building")
+    work = jobs(trees, host_loops())
+    results = dict(zip(work, side_by_side([partial(attempt, function) for function in work.values()], "running on QEMU")))
+    failures = [str(result) for result in results.values() if isinstance(result, UserError)]
+    done = {what: result for what, result in results.items() if not isinstance(result, UserError)}
+
+    rows = []
+    for tree in trees:
+        rows += footprint(tree, done.get((tree.target, tree.level, "counts")))
+    write_json(out / "footprint.json", rows)
+    report(trees, rows, done)
+    failures += [line for row in rows for line in check(row)]
+    if failures:
+        raise UserError("\n".join(failures))
+    if update:
+        write_json(COMMITTED, rows)
+        write_pages(rows)
+    elif lines := changes(read_committed(), rows):
+        raise UserError("\n".join(["figures against targets/footprint.json (make targets UPDATE=1 takes them over):", *lines]))
+    return rows
+
+
+def report(trees, rows, done):
+    print_table(
+        "Footprint, float32: bytes of code and of the deepest stack; instructions",
+        HEADERS,
+        table(rows),
+        "learn: lift and update only. plain, sqrt: update by ef in that form. k: thousands, of an MPC solve.",
+    )
+    lines = []
+    for tree in trees:
+        result = done.get((tree.target, tree.level, "loops"), {"closed_loop": {}})
+        for name, difference in result["closed_loop"].items():
+            own = result.get("closed_loop_libm", {}).get(name)
+            lines.append([f"{tree.target} {tree.level}", name, number(difference, 2), number(own, 2)])
+    headers = ["target", "run", "same functions of <math.h>", "each its own libm"]
+    print_table("500 closed-loop steps against the host's float32: largest relative difference", headers, lines)
+    passed = [[tree.target, len(tree.tests())] for tree in trees if (tree.target, tree.level, "tests") in done]
+    print_table("C tests on QEMU", ["target", "passed"], passed)

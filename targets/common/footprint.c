@@ -55,8 +55,8 @@ static int ascending(const void *a, const void *b) {
 
 static void report(series *s, size_t N, const char *what, const char *detail) {
 	qsort(s->instructions, s->count, sizeof *s->instructions, ascending);
-	printf("instructions %u %s %s %lu %lu\n", (unsigned)N, what, detail, (unsigned long)s->instructions[s->count / 2],
-	       (unsigned long)s->instructions[s->count - 1]);
+	printf("instructions %u %s %s %lu %lu\n", (unsigned)N, what, detail,
+	       (unsigned long)s->instructions[s->count / 2], (unsigned long)s->instructions[s->count - 1]);
 	s->count = 0;
 }
 

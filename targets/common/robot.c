@@ -3,7 +3,7 @@
 #include <math.h>
 
 #define PERIOD 0.05 /* s */
-#define TURN 1.4f    /* the path turns more than the commands: with slip, about what the box allows */
+#define TURN 1.4f   /* the path turns more than the commands: with slip, about what the box allows */
 
 int agent_start(agent *a, const koopf_dictionary *dictionary, const koopf_regulator *regulator,
                 const koopf_form *form, int check, float tolerance) {

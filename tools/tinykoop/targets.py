@@ -260,7 +260,7 @@ def check(row):
             deep.append(f"{name} took {size} bytes of stack, not {row['stack'][name]}")
     writable = [f"{row[name]} bytes of writable globals in {name}" for name in ("data", "bss") if row[name]]
     foreign = [f"koopf.c needs {name}" for name in row["foreign"]]
-    return [f"{row['target']} {row['config']}: {line}" for line in deep + writable + foreign]
+    return [f"{row['target']} -{_level(row)}: {line}" for line in deep + writable + foreign]
 
 
 def footprint(tree, printed):
@@ -471,7 +471,7 @@ def run(out, update=False):
         rows += footprint(tree, done.get((tree.target, tree.level, "counts")))
     write_json(out / "footprint.json", rows)
     report(trees, rows, done)
-    failures += [line for row in rows for line in check(row)]
+    failures += dict.fromkeys(line for row in rows for line in check(row))
     if failures:
         raise UserError("\n".join(failures))
     if update:
@@ -490,12 +490,12 @@ def report(trees, rows, done):
         "learn: lift and update only. plain, sqrt: update by ef in that form. k: thousands, of an MPC solve.",
     )
     lines = []
-    for tree in trees:
-        result = done.get((tree.target, tree.level, "loops"), {"closed_loop": {}})
-        for name, difference in result["closed_loop"].items():
-            own = result.get("closed_loop_libm", {}).get(name)
-            lines.append([f"{tree.target} {tree.level}", name, number(difference, 2), number(own, 2)])
-    headers = ["target", "run", "same functions of <math.h>", "each its own libm"]
+    for target in dict.fromkeys(tree.target for tree in trees if tree.runs):
+        seen = {level: done.get((target, level, "loops"), {}) for level in LEVELS}
+        for name in seen["O2"].get("closed_loop", ()):
+            same = [number(loops.get("closed_loop", {}).get(name), 2) for loops in seen.values()]
+            lines.append([f"{target} {name}", *same, number(seen["O2"]["closed_loop_libm"][name], 2)])
+    headers = ["run", *[f"-{level}" for level in LEVELS], "-O2, each its own libm"]
     print_table("500 closed-loop steps against the host's float32: largest relative difference", headers, lines)
     passed = [[tree.target, len(tree.tests())] for tree in trees if (tree.target, tree.level, "tests") in done]
     print_table("C tests on QEMU", ["target", "passed"], passed)

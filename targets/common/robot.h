@@ -34,8 +34,8 @@ void robot_measure(const double pose[STATES], float x[STATES]);
 /* Open-loop commands at step k. */
 void robot_command(size_t k, float u[INPUTS]);
 
-/* The robot at step LEARN, a step off the path, and the path from there: where it
- * would be under the commands without slip. Row k of `path` belongs to step
+/* The robot at step LEARN, half a metre off the path, and the path from there: where
+ * sharper commands would take it without slip. Row k of `path` belongs to step
  * LEARN + k + 1. */
 #define PATH (CONTROL + HORIZON)
 void robot_path(double pose[STATES], float path[PATH * STATES]);

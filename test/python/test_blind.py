@@ -270,7 +270,7 @@ def test_figures():
 
 # ---- a campaign --------------------------------------------------------------------------------
 
-STUB = """
+STAND_IN = """
 import json, pathlib, sys
 from tinykoop import sim
 log, _, fresh, _, out, *rest = sys.argv[1:]
@@ -287,8 +287,8 @@ pathlib.Path(out, "report.json").write_text(json.dumps({"verdict": "none", "effe
 def campaign(tmp_path_factory):
     pytest.importorskip("joblib", reason="joblib is missing: make blind installs it")
     out = tmp_path_factory.mktemp("blind")
-    (out / "stub.py").write_text(STUB)
-    who = {score.OURS: blind.Command((sys.executable, out / "stub.py"))}
+    (out / "stand_in.py").write_text(STAND_IN)
+    who = {score.OURS: blind.Command((sys.executable, out / "stand_in.py"))}
     return out, blind.run(out, 1, 4, jobs=1, which=["single", "none_white", "left_out"], diagnosers=who)
 
 

@@ -14,10 +14,8 @@ from .platform import PLATFORMS
 FEWEST_ROWS = 60
 ARTEFACT, SURE_ARTEFACT = 0.2, 0.08  # of half a step, to which a lateral skid is the integrator's; at first sight
 PAYS, PAYS_AT_LEAST = 0.1, 0.1  # a cause must close that much: of the gap above the floor; of the smallest that matters
-MENDS, MENDS_WHOLE = (
-    0.5,
-    0.1,
-)  # where more is left than noise, that much of what is left, or of the whole gap: less may only mend the form of another
+# where more is left than noise, that much of what is left, or of the whole gap: less may only mend the form of another
+MENDS, MENDS_WHOLE = 0.5, 0.1
 BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
 
 

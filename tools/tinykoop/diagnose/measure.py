@@ -81,7 +81,8 @@ def regions(pieces):
 def held_out(fitter, fit):
     """Causes (FOLDS) as they come out without the pieces of each fold: one Gauss-Newton step from the whole, where it helps.
 
-    It does not where a threshold lies close to a command that was held.
+    It does not where a threshold lies close to a command that was held: that fold is then predicted with the
+    parameters of the whole, its own rows among them.
     """
     pieces, fold = fitter.pieces, regions(fitter.pieces)
     if not fit.causes:

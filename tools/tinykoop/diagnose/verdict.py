@@ -171,7 +171,7 @@ def _confidence(rivals, fit, gates):
     heat = 2 * max(1.0, gates.generic.scale) * (1 + 50 * gates.share)
     odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in rivals)
     sure = 1 / (1 + odds)
-    return float(sure * (1 - min(gates.share, 1.0)) * (MISSHAPEN if gates.p < SIGNIFICANT else 1.0))
+    return float(sure * (1 - min(gates.share, 1.0)) * (MISSHAPEN if gates.fails or gates.p < SIGNIFICANT else 1.0))
 
 
 def untestable(search, fit):

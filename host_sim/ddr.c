@@ -16,6 +16,8 @@ struct ddr {
 	running *runs;
 	double *memory;
 	size_t count;
+	int senses;    /* whether any effect has a say in the measured pose, */
+	int remembers; /* or a state of its own */
 	int integrator;
 	double dt, end;
 	size_t k;       /* steps made */
@@ -44,6 +46,7 @@ static void pass(const ddr *robot, int block, tk_signal *signal) {
 }
 
 void ddr_sense(const ddr *robot, size_t k, double *pose) {
+	if (!robot->senses) { return; }
 	tk_signal signal = signal_at(robot, k);
 	for (size_t i = 0; i < 3; i++) { signal.pose[i] = pose[i]; }
 	pass(robot, TK_SENSOR, &signal);
@@ -82,6 +85,14 @@ ddr_motion ddr_next(ddr *robot, const double *u) {
 	    .turn = signal.body[2],
 	    .drift = {signal.drift[0], signal.drift[1]},
 	};
+}
+
+void ddr_roll(ddr *robot, size_t steps, const double *u) {
+	if (!robot->remembers) {
+		robot->k += steps;
+		return;
+	}
+	for (size_t k = 0; k < steps; k++) { ddr_next(robot, u + 2 * k); }
 }
 
 void ddr_move(const ddr_motion *m, double *pose) {
@@ -148,7 +159,10 @@ static void collect(ddr *robot, const tk_active *actives) {
 		for (size_t i = 0; i < robot->count; i++) {
 			if (effect_by_name(actives[i].effect) != effect) { continue; }
 			robot->runs[n++] = (running){effect, &actives[i], memory};
-			memory += memory_of(effect, &actives[i], robot->dt);
+			const size_t size = memory_of(effect, &actives[i], robot->dt);
+			robot->senses |= effect->block == TK_SENSOR;
+			robot->remembers |= size > 0;
+			memory += size;
 		}
 	}
 }

@@ -225,4 +225,17 @@ TK_API int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_
 TK_API int tk_log_write(const char *path, const char *platform, size_t rows, double dt, const double *x,
                         const double *u);
 
+/* ---- Sizes of the library's storage ----------------------------------------- */
+
+/* Numbers of reals, for N lifted states of which n are the state itself, m inputs
+ * and a horizon of H steps: the macros of tinykoop.h and tinykoop_guard.h. */
+typedef struct tk_storage {
+	size_t learner_sqrt, learner_plain;
+	size_t mpc_newton, mpc_gradient, mpc_rate; /* mpc_rate: on top, with an input-rate penalty */
+	size_t guard;
+	size_t model; /* Theta, as stored for firmware, without its header */
+} tk_storage;
+
+TK_API int tk_sizes(size_t n_lifted, size_t n_states, size_t n_inputs, size_t horizon, tk_storage *sizes);
+
 #endif

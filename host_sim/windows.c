@@ -40,8 +40,22 @@ static int all_finite(const double *values, size_t count) {
 	return 1;
 }
 
+/* Whether nothing is NaN or infinite anywhere: the usual case, in one pass without branches. */
+static int wholly_finite(const double *values, size_t count) {
+	double odd[4] = {0, 0, 0, 0}; /* NaN once a value is not finite */
+	size_t i = 0;
+	for (; i + 4 <= count; i += 4) {
+		odd[0] += values[i] - values[i];
+		odd[1] += values[i + 1] - values[i + 1];
+		odd[2] += values[i + 2] - values[i + 2];
+		odd[3] += values[i + 3] - values[i + 3];
+	}
+	return odd[0] + odd[1] + odd[2] + odd[3] == 0 && all_finite(values + i, count - i);
+}
+
 static int check_recording(const tk_recording *log) {
 	if (!log->x || !log->u || log->rows < 2) { return fail("the log is empty: it needs two rows at least"); }
+	if (wholly_finite(log->u, 2 * (log->rows - 1)) && wholly_finite(log->x, 3 * log->rows)) { return TK_OK; }
 	for (size_t k = 0; k + 1 < log->rows; k++) {
 		const double *x = log->x + 3 * k, *u = log->u + 2 * k;
 		if (!all_finite(u, 2)) { return fail("the command in row %zu is not finite", k); }
@@ -80,19 +94,19 @@ static int64_t longest_of(size_t n_steps, const int64_t *steps) {
 /* The path from row `first` to row `final`. The actuators are rolled from the log's
  * first row, through gaps too. */
 static int travel(ddr *robot, const tk_recording *log, size_t first, size_t final, place *path) {
-	for (size_t k = 0; k < first; k++) { ddr_next(robot, log->u + 2 * k); }
-	for (size_t k = first; k < final; k++) {
+	ddr_roll(robot, first, log->u);
+	double pose[3] = {0, 0, 0}, drift[2] = {0, 0};
+	for (size_t k = first;; k++) {
+		path[k] = (place){{pose[0], pose[1], pose[2]}, {drift[0], drift[1]}, k};
+		if (k == final) { break; }
 		ddr_motion motion = ddr_next(robot, log->u + 2 * k);
-		path[k + 1] = path[k];
 		for (size_t i = 0; i < 2; i++) {
-			path[k + 1].drift[i] += motion.drift[i] * motion.dt;
+			drift[i] += motion.drift[i] * motion.dt;
 			motion.drift[i] = 0;
 		}
-		ddr_move(&motion, path[k + 1].pose);
+		ddr_move(&motion, pose);
 	}
-	for (size_t k = log->rows; k-- > 0;) {
-		path[k].last = k + 1 < log->rows && usable(log, k) ? path[k + 1].last : k;
-	}
+	for (size_t k = final; k-- > first;) { path[k].last = usable(log, k) ? path[k + 1].last : k; }
 	if (!all_finite(path[final].pose, 3) || !all_finite(path[final].drift, 2)) {
 		return fail("prediction left the finite numbers: check effect parameters and commands");
 	}
@@ -107,10 +121,10 @@ static rotation by_angle(double angle) {
 	return (rotation){cos(angle), sin(angle)};
 }
 
-static void turn(rotation r, double *v) {
-	const double along = v[0];
-	v[0] = r.c * along - r.s * v[1];
-	v[1] = r.s * along + r.c * v[1];
+/* v = (along, across) turned */
+static void turn(rotation r, double along, double across, double *v) {
+	v[0] = r.c * along - r.s * across;
+	v[1] = r.s * along + r.c * across;
 }
 
 /* to -pi .. pi; most angles are there already */
@@ -123,8 +137,8 @@ static double wrapped(double angle) {
 static void predict(const ddr *robot, const place *path, size_t start, size_t end, const double *true_start,
                     rotation to_start, double *pose) {
 	const place *a = &path[start], *b = &path[end];
-	for (size_t i = 0; i < 3; i++) { pose[i] = b->pose[i] - a->pose[i]; }
-	turn(to_start, pose);
+	turn(to_start, b->pose[0] - a->pose[0], b->pose[1] - a->pose[1], pose);
+	pose[2] = b->pose[2] - a->pose[2];
 	for (size_t i = 0; i < 2; i++) { pose[i] += b->drift[i] - a->drift[i]; }
 	for (size_t i = 0; i < 3; i++) { pose[i] += true_start[i]; }
 	ddr_sense(robot, end, pose);
@@ -141,9 +155,9 @@ static void run(const ddr *robot, const tk_recording *log, const place *path, si
 		double pose[3] = {NAN, NAN, NAN}, off[3] = {NAN, NAN, NAN};
 		if (end <= path[start].last) {
 			predict(robot, path, start, end, at, to_start, pose);
-			for (size_t i = 0; i < 3; i++) { off[i] = log->x[3 * end + i] - pose[i]; }
-			turn(to_axes, off);
-			off[2] = wrapped(off[2]);
+			const double *then = log->x + 3 * end;
+			turn(to_axes, then[0] - pose[0], then[1] - pose[1], off);
+			off[2] = wrapped(then[2] - pose[2]);
 		}
 		for (size_t i = 0; i < 3; i++) {
 			if (predicted) { predicted[3 * j + i] = pose[i]; }
@@ -170,8 +184,8 @@ int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const
 		first = start < first ? start : first;
 		final = end > final ? end : final;
 	}
-	final = final < log->rows ? final : log->rows - 1;
-	place *path = calloc(log->rows, sizeof *path);
+	final = n_starts && final < log->rows ? final : log->rows - 1;
+	place *path = malloc(log->rows * sizeof *path);
 	const int status = path ? travel(robot, log, first, final, path) : fail("out of memory");
 	for (size_t i = 0; status == TK_OK && i < n_starts; i++) {
 		const size_t out = 3 * n_steps * i;

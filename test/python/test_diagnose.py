@@ -200,7 +200,7 @@ def test_errors_of_a_start_change_nothing():
     pieces.set_noise(Noise(SP, ST, 0.5, 0.5))
     before = pieces.residual(usual("speed_gain"))
     white = pieces.whiten(before)
-    pieces.start_pose += np.random.default_rng(0).normal(0, (0.02, 0.02, 0.005), pieces.start_pose.shape)
+    pieces.begin_at(pieces.start_pose + np.random.default_rng(0).normal(0, (0.02, 0.02, 0.005), pieces.start_pose.shape))
     after = pieces.residual(usual("speed_gain"))
     assert np.sqrt(np.mean(np.square((after - before) / (SP, SP, ST))[pieces.inside])) > 1
     assert np.sqrt(np.mean((pieces.whiten(after) - white) ** 2)) < 0.02

@@ -20,7 +20,6 @@ CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
 
 _DOUBLES = ct.POINTER(ct.c_double)
 _INTS = ct.POINTER(ct.c_int32)
-_LONGS = ct.POINTER(ct.c_int64)
 
 
 class _Active(ct.Structure):
@@ -34,7 +33,14 @@ class _Active(ct.Structure):
 
 
 class _Recording(ct.Structure):
-    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", _DOUBLES), ("u", _DOUBLES), ("usable", _INTS)]
+    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", ct.c_void_p), ("u", ct.c_void_p), ("usable", ct.c_void_p)]
+
+
+class _Storage(ct.Structure):
+    _fields_ = [
+        (name, ct.c_size_t)
+        for name in ("learner_sqrt", "learner_plain", "mpc_newton", "mpc_gradient", "mpc_rate", "guard", "model")
+    ]
 
 
 class _Settings(ct.Structure):
@@ -179,6 +185,11 @@ def _ints(array):
     return None if array is None else array.ctypes.data_as(_INTS)
 
 
+def _address(array):
+    """As _doubles(), in a third of the time, for arrays of any type that the caller keeps."""
+    return None if array is None else ct.c_void_p(array.ctypes.data)
+
+
 # ---- plant -----------------------------------------------------------------------------------
 
 
@@ -255,13 +266,24 @@ def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):
     if len(u) not in (len(x), len(x) - 1) or (usable is not None and len(usable) != len(x) - 1):
         raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
     predicted, residual = np.empty((2, len(starts), len(steps), 3))
-    log = _Recording(len(x), dt, _doubles(x), _doubles(u), _ints(usable))
+    log = _Recording(len(x), dt, _address(x), _address(u), _address(usable))
     _check(
         "tk_windows", _active_effects(active), ct.c_size_t(len(active)), ct.c_int(integrator), ct.byref(log),
-        ct.c_size_t(len(starts)), starts.ctypes.data_as(_LONGS), ct.c_size_t(len(steps)),
-        steps.ctypes.data_as(_LONGS), _doubles(predicted), _doubles(residual),
+        ct.c_size_t(len(starts)), _address(starts), ct.c_size_t(len(steps)), _address(steps),
+        _address(predicted), _address(residual),
     )  # fmt: skip
     return predicted, residual
+
+
+# ---- sizes -----------------------------------------------------------------------------------
+
+
+def storage(n_lifted, n_states, n_inputs, horizon):
+    """{what: reals} of the storage that lib/ needs: learner in both forms, controller, guard, stored model."""
+    sizes = _Storage()
+    counts = [ct.c_size_t(max(k, 0)) for k in (n_lifted, n_states, n_inputs, horizon)]
+    _check("tk_sizes", *counts, ct.byref(sizes))
+    return {name: getattr(sizes, name) for name, _ in _Storage._fields_}
 
 
 # ---- control ---------------------------------------------------------------------------------

@@ -66,9 +66,9 @@ def _explained(platform, log, without, seed):
     search = explain.begin(pieces, without, seed)
     best = search.best(1)
     if "lateral_skid" in search.fitter.effects:
-        skids = [search.fits[frozenset(["lateral_skid"])]]
+        skids = [search.single("lateral_skid")]
         if best.names != ("lateral_skid",):
-            skids.append(search.fitter.add("lateral_skid", best)[0])
+            skids.append(search.fitter.add("lateral_skid", best))
         skid = min(skids, key=search.worth)
         other = _stepped(platform, log.dt, tried[0], skid.causes, SURE_ARTEFACT)
         if (

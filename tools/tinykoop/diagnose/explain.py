@@ -48,8 +48,8 @@ def prune(search, fit):
     fitter = search.fitter
     while len(fit.causes) > 1:
         rests = [fit.causes[:i] + fit.causes[i + 1 :] for i in range(len(fit.causes))]
-        fewer = [phases.settle(fitter, fitter.fit_of(rest)) for rest in rests]
-        best = min(fewer, key=search.worth)
+        fewer = [fitter.refine(fitter.fit_of(rest), steps=2) for rest in rests]
+        best = phases.settle(fitter, min(fewer, key=search.worth))
         if search.worth(best) > search.worth(fit):
             break
         fit = best

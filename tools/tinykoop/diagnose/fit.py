@@ -124,14 +124,17 @@ class Fitter:
 
     def objective(self, fit):
         """What refine() makes small: the cost and what the guesses are worth."""
-        return fit.cost + float(self.guess(fit.causes) @ (self.vector(fit.causes) - 1) ** 2) if fit.causes else fit.cost
+        curves = [c for c in fit.causes if len(c.params) >= MANY]
+        return fit.cost + (float(((self.vector(curves) - 1) ** 2).sum()) / GUESS**2 if curves else 0.0)
 
     # ---- fitting ---------------------------------------------------------------
 
     def refine(self, fit, steps=8):
         """Damped Gauss-Newton from where `fit` is, then a pattern search for what has no gradient."""
-        if not fit.causes:
-            return fit
+        return self.pattern(*self.descend(fit, steps)) if fit.causes else fit
+
+    def descend(self, fit, steps):
+        """(fit after damped Gauss-Newton steps, indices of parameters without a gradient)."""
         damping, rough = 1e-3, np.zeros(len(self.vector(fit.causes)), bool)
         low = np.concatenate([self.bounds(c)[0] for c in fit.causes])
         high = np.concatenate([self.bounds(c)[1] for c in fit.causes])
@@ -159,7 +162,7 @@ class Fitter:
                 rough |= np.abs(slope * move) > 1
             if before - self.objective(fit) < max(1e-4 * before, 0.02):
                 break
-        return self.pattern(fit, np.flatnonzero(rough))
+        return fit, np.flatnonzero(rough)
 
     def pattern(self, fit, which, sizes=PATTERN):
         """Tries each parameter of `which` a little larger and smaller, in ever smaller steps."""
@@ -168,7 +171,10 @@ class Fitter:
                 for factor in (1 + size, 1 / (1 + size)):
                     moved = self.vector(fit.causes)
                     moved[i] = moved[i] * factor
-                    trial = self.fit_of(self.split(fit.causes, moved))
+                    causes = self.split(fit.causes, moved)
+                    if causes == fit.causes:  # at zero, or at a bound
+                        continue
+                    trial = self.fit_of(causes)
                     if self.objective(trial) < self.objective(fit) - 1e-9:
                         fit = trial
         return fit
@@ -209,6 +215,7 @@ class Fitter:
         low, _ = self.bounds(fit.causes[index])
         scale = self.scale(fit.causes[index])
         factors = COORDINATE if len(scale) >= MANY else (*COORDINATE, *FINE)
+        seen = {fit.causes[index].params}
         for i in range(len(scale)):
             at = fit.causes[index].params[i] / scale[i] or 1.0
             for factor in (*factors, *((-1.0,) if low[i] < 0 else ())):
@@ -216,6 +223,9 @@ class Fitter:
                 z[i] = at * factor
                 causes = list(fit.causes)
                 causes[index] = self.at(causes[index], z)
+                if causes[index].params in seen:  # bounds make many the same
+                    continue
+                seen.add(causes[index].params)
                 trial = self.fit_of(causes)
                 if trial.cost < fit.cost:
                     fit = trial
@@ -230,5 +240,8 @@ class Fitter:
 
     def add(self, name, base, segments=ALWAYS):
         """The best fit of `base` and one more effect."""
-        best, seen = self.scan(name, base, segments)
-        return self.refine(self.coordinates(best)), seen
+        return self.polish(self.scan(name, base, segments)[0])
+
+    def polish(self, fit):
+        """A fit from a scan with its last effect fitted in full."""
+        return self.refine(self.coordinates(fit))

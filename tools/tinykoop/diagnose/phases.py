@@ -28,6 +28,7 @@ TOGETHER, STRIDE = 6, 2  # steps of edges and parameters at once; rows that tell
 FEW = {"constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega"} | {
     "heading, sine", "heading, cosine",
 }  # fmt: skip
+PROMISING = 6  # effects that are fitted in a part by themselves
 HOPELESS = 2.0  # times the cost of a fit: parameters alone do not mend that
 CHANGES = "change of"
 
@@ -116,7 +117,7 @@ def merge(search, edges, without, causes=()):
         if own is None or len(own.starts) < 2:
             continue
         mine = Search(own, without, search.seed)
-        best = mine.run(most=2)
+        best = mine.run(most=2, count=PROMISING)
         for cause in best.causes:
             worth = mine.drop(best, cause.name).cost - best.cost
             if worth > found.get(cause.name, (0,))[0]:
@@ -239,6 +240,6 @@ def _toggle(search, fit, times):
             trial = (*fit.causes[:i], replace(fit.causes[i], segments=spans), *fit.causes[i + 1 :])
             trial = search.fitter.fit_of(trial)
             if trial.cost < HOPELESS * fit.cost:
-                trial = search.fitter.refine(trial, steps=2)
+                trial, _ = search.fitter.descend(trial, steps=2)
                 fit = min(fit, trial, key=search.worth)
     return fit

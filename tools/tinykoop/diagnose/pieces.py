@@ -76,10 +76,20 @@ class Pieces:
         self.inside = np.arange(self.L) < self.lengths[:, None]  # (S, L)
         self.rows = np.minimum(self.starts[:, None] + np.arange(self.L), len(log.x) - 1)
         self.weight = 1.0
-        self.start_pose = log.x[self.starts].copy()
+        self.begin_at(log.x[self.starts])
         self._turns()
         self.noise = Noise(1.0, 1.0)
         self._prepare()
+
+    def begin_at(self, poses):
+        """Lets every piece start at another pose (S, 3)."""
+        self.start_pose = poses.copy()
+        self._from_starts = self.log.x.copy()
+        self._from_starts[self.starts] = poses
+        first = self.log.x[self.starts] - poses
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        along, across = c * first[:, 0] + s * first[:, 1], c * first[:, 1] - s * first[:, 0]
+        self._first = np.stack([along, across, first[:, 2]], 1)
 
     def _turns(self):
         """How what is left moves with position and heading of the start: (S, L, 3, 3)."""
@@ -94,17 +104,12 @@ class Pieces:
 
     def residual(self, active=()):
         """Measured less predicted, (S, L, 3)."""
-        x = self.log.x.copy()
-        x[self.starts] = self.start_pose
+        log = self.log
         _, after = self.platform.windows(
-            x, self.log.u, self.log.dt, self.starts, self.steps, active, self.log.usable, self.integrator
+            self._from_starts, log.u, log.dt, self.starts, self.steps, active, log.usable, self.integrator
         )
         r = np.empty((len(self.starts), self.L, 3))
-        first = self.log.x[self.starts] - self.start_pose
-        c, s = np.cos(self.start_pose[:, 2]), np.sin(self.start_pose[:, 2])
-        r[:, 0, 0] = c * first[:, 0] + s * first[:, 1]
-        r[:, 0, 1] = c * first[:, 1] - s * first[:, 0]
-        r[:, 0, 2] = first[:, 2]
+        r[:, 0] = self._first
         r[:, 1:] = after
         r[~self.inside] = 0
         return r
@@ -157,9 +162,8 @@ class Pieces:
         e = self._filter(r).reshape(len(self.starts), -1)
         shift = np.linalg.solve(self.upper, np.einsum("snk,sn->sk", self.basis, e)[..., None])[..., 0]
         c, s = np.cos(self.start_pose[:, 2]), np.sin(self.start_pose[:, 2])
-        self.start_pose[:, 0] += c * shift[:, 0] - s * shift[:, 1]
-        self.start_pose[:, 1] += s * shift[:, 0] + c * shift[:, 1]
-        self.start_pose[:, 2] += shift[:, 2]
+        moved = np.stack([c * shift[:, 0] - s * shift[:, 1], s * shift[:, 0] + c * shift[:, 1], shift[:, 2]], 1)
+        self.begin_at(self.start_pose + moved)
         self._turns()
         self._prepare()
 
@@ -172,8 +176,9 @@ class Pieces:
         if not chosen.any():
             return None
         part = copy(self)
-        for name in ("starts", "lengths", "inside", "rows", "start_pose"):
+        for name in ("starts", "lengths", "inside", "rows"):
             setattr(part, name, getattr(self, name)[chosen])
+        part.begin_at(self.start_pose[chosen])
         if np.ndim(self.weight):
             part.weight = self.weight[chosen]
         part._turns()

@@ -31,17 +31,19 @@ def price(directions, seed):
 
 
 class Search:
-    """The search on one set of pieces; `fits` keeps the best fit seen for every set of names."""
+    """The search on one set of pieces.
+
+    fits: the best fit seen for every set of names; added: what extend() made of a fit.
+    """
 
     def __init__(self, pieces, without=(), seed=0):
         self.fitter = Fitter(pieces, without)
         self.pieces, self.seed = pieces, seed
-        self.fits = {}
-        self.base = self.keep(self.fitter.fit_of(()))
+        self.rebase()
 
     def rebase(self):
         """Forgets costs after the noise has changed; the price of an effect stays."""
-        self.fits = {}
+        self.fits, self.added = {}, {}
         self.base = self.keep(self.fitter.fit_of(()))
 
     def keep(self, fit):
@@ -51,18 +53,26 @@ class Search:
             self.fits[key] = fit
         return self.fits[key]
 
-    def singles(self):
-        """Every effect by itself; sets the price of an effect."""
-        self.seen, self.price = {}, np.inf
+    def singles(self, count=None):
+        """Every effect by itself, or the `count` that promise most; sets the price of an effect."""
+        self.seen, self.scanned, self.price = {}, {}, np.inf
         if not self.fitter.effects:
             return self.base
         for name in self.fitter.effects:
-            fit, seen = self.fitter.add(name, self.base)
-            self.keep(fit)
-            self.seen[name] = [s.left - self.base.left for s in (*seen, fit)]
+            self.scanned[name], seen = self.fitter.scan(name, self.base)
+            self.seen[name] = [s.left - self.base.left for s in seen]
+        for name in self.likely(self.base, count):
+            self.seen[name].append(self.single(name).left - self.base.left)
         directions = np.stack([g for group in self.seen.values() for g in group], 1)
         self.price = price(directions, self.seed)
         return self.best(1)
+
+    def single(self, name):
+        """The best fit of one effect."""
+        key = frozenset([name])
+        if key not in self.fits:
+            self.keep(self.fitter.polish(self.scanned[name]))
+        return self.fits[key]
 
     def heat(self, fit):
         """Cost per degree of freedom, at least 1: what a misfit feigns is to be divided by."""
@@ -106,13 +116,18 @@ class Search:
             if len(key) == 2 and key not in order:
                 order.append(key)
         for key in order[:PAIRS]:
-            first = min(key, key=lambda name: self.fits[frozenset([name])].cost)
+            first = min(key, key=lambda name: self.single(name).cost)
             (second,) = key - {first}
-            self.extend(self.fits[frozenset([first])], [second])
+            self.extend(self.single(first), [second])
 
     def extend(self, fit, names):
         """Fits `fit` with each of `names` on top; returns the best."""
-        out = [self.keep(self.fitter.add(name, fit)[0]) for name in names]
+        out = []
+        for name in names:
+            key = name, fit.causes
+            if key not in self.added:
+                self.added[key] = self.fitter.add(name, fit)
+            out.append(self.keep(self.added[key]))
         return min(out, key=lambda f: f.cost) if out else None
 
     def likely(self, fit, count=REFINED):
@@ -156,9 +171,12 @@ class Search:
                 return better
         return fit
 
-    def run(self, seeds=(), most=MOST):
-        """The explanation that is worth most; begins also from fits `seeds` found on other terms."""
-        self.singles()
+    def run(self, seeds=(), most=MOST, count=None):
+        """The explanation that is worth most; begins also from fits `seeds` found on other terms.
+
+        most, count: effects in it, and effects that are fitted by themselves.
+        """
+        self.singles(count)
         for seed in seeds:
             self.keep(self.fitter.refine(self.fitter.fit_of(seed.causes), steps=3))
         fit = self.best()

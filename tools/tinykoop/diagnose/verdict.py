@@ -154,7 +154,7 @@ def _pair(search, rest, fit, fits, worth):
     names = sorted(fits, key=lambda n: fits[n].cost)[:2]
     if len(names) < 2:
         return []
-    both = search.fitter.add(names[1], fits[names[0]])[0]
+    both = search.fitter.add(names[1], fits[names[0]])
     if both.cost - fit.cost < search.price and min(rest.cost - fits[n].cost for n in names) > 0.05 * worth:
         return names
     return []

@@ -35,6 +35,14 @@ def parser():
     cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
 
+    size = commands.add_parser("size", help="bytes and instructions of the library on a microcontroller, by your sizes")
+    size.add_argument("--lifted", "-N", type=int, required=True, help="lifted states N")
+    size.add_argument("--states", "-n", type=int, required=True, help="of which are the state itself")
+    size.add_argument("--inputs", "-m", type=int, required=True)
+    size.add_argument("--horizon", "-H", type=int, default=50, help="steps of the controller (default 50)")
+    size.add_argument("--precision", type=int, choices=(32, 64), default=32)
+    size.add_argument("--target", default="cortex-m4f", help="a folder of targets/ (default cortex-m4f)")
+
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
@@ -86,6 +94,10 @@ def dispatch(a):
         from . import blind
 
         blind.run(a.out, a.n, a.seed, a.cluster, a.jobs)
+    elif a.command == "size":
+        from . import size
+
+        size.run(a.lifted, a.states, a.inputs, a.horizon, a.precision, a.target)
     elif a.command == "targets":
         from . import targets
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from tinykoop import sim
-from tinykoop.diagnose import diagnose, measure, phases, words
+from tinykoop.diagnose import diagnose, measure, phases, verdict, words
 from tinykoop.diagnose.features import Generic
 from tinykoop.diagnose.fit import Cause, Fitter
 from tinykoop.diagnose.noise import estimate, third_differences
@@ -647,3 +647,23 @@ def test_noise_floor_is_what_the_noise_leaves():
     floor = single("speed_gain").report["gap"]["noise_floor"]
     for H, expected in zip(("1", "10", "50"), np.sqrt((off[..., :2] ** 2).sum(-1).mean(0))):
         assert floor[H] == pytest.approx(expected, rel=0.08)
+
+
+def test_an_effect_at_its_bound_gives_way_to_one_inside():
+    """Gravel: slip at the edge of its range, where a yaw gain does the same."""
+    search = Search(settled(log_of(drive(SHORT), usual("yaw_gain"))))
+
+    def fit(name, *params):
+        return search.fitter.fit_of((Cause(name, params),))
+
+    def proof(*rivals):
+        return [verdict.Evidence(1.0, {}, {}, tuple(r.names[0] for r in rivals), 0.5, search.base, {r.names[0]: r for r in rivals})]
+
+    b_max = search.fitter.effects["pacejka_slip"][1][0].high
+    held, plain, plainer = fit("pacejka_slip", b_max, 1.0, 0.5, 0.5, 0.1), fit("yaw_gain", 0.1), fit("yaw_bias", 0.01)
+    assert search.fitter.held(held.causes[0]) and not search.fitter.held(plain.causes[0])
+    assert verdict.inside(search, held, proof(plain)) is plain
+    assert verdict.inside(search, held, proof(plain, plainer)) is min(plain, plainer, key=search.worth)
+    assert verdict.inside(search, held, proof()) is held
+    assert verdict.inside(search, plain, proof(plainer)) is plain
+    assert verdict.inside(search, held, proof(fit("yaw_gain", search.fitter.effects["yaw_gain"][1][0].high))) is held

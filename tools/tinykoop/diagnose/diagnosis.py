@@ -208,8 +208,12 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     fit, search, integrator = found.fit, found.search, pieces.integrator
     starts = measure.starts_of(log)
     fit, gates, rests = _paying(search, fit, starts)
-    word = verdict.verdict(fit, gates)
     proofs = verdict.evidence(search, fit, gates, rests)
+    plain = verdict.inside(search, fit, proofs)
+    if plain is not fit:
+        fit, gates, rests = _paying(search, search.fitter.refine(plain), starts)
+        proofs = verdict.evidence(search, fit, gates, rests)
+    word = verdict.verdict(fit, gates)
     if word == "known" and max(proof.confidence for proof in proofs) < BELIEVED:
         word = "unknown" if gates.fails else "none"
     if word == "none":

@@ -108,6 +108,7 @@ class Evidence:
     ambiguous: tuple
     confidence: float
     without: Fit = field(repr=False)
+    instead: dict = field(repr=False)  # {rival: fit with it in the place of the cause} of the ambiguous
 
 
 def evidence(search, fit, gates, rests):
@@ -128,8 +129,17 @@ def evidence(search, fit, gates, rests):
         sure = min(_confidence(rivals, fit, gates), UNSURE if steady(search.pieces) else 1.0)
         if any(cause.name in names for names in lookalikes(search.pieces.platform, fit)):
             sure = min(sure, MISSHAPEN)
-        out.append(Evidence(worth, absorbed, behind, tuple(ambiguous), sure, rest))
+        instead = {name: fits[name] for name in ambiguous}
+        out.append(Evidence(worth, absorbed, behind, tuple(ambiguous), sure, rest, instead))
     return out
+
+
+def inside(search, fit, proofs):
+    """The fit, or the best that has another effect in the place of one at its bound and does the same with none there."""
+    held = [i for i, cause in enumerate(fit.causes) if search.fitter.held(cause)]
+    others = [other for i in held for other in proofs[i].instead.values()]
+    plain = [other for other in others if not any(search.fitter.held(cause) for cause in other.causes)]
+    return min(plain, key=search.worth, default=fit)
 
 
 def lookalikes(platform, fit):

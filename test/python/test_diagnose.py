@@ -652,6 +652,7 @@ def test_noise_floor_is_what_the_noise_leaves():
 def test_an_effect_at_its_bound_gives_way_to_one_inside():
     """Gravel: slip at the edge of its range, where a yaw gain does the same."""
     search = Search(settled(log_of(drive(SHORT), usual("yaw_gain"))))
+    search.price = 10.0
 
     def fit(name, *params):
         return search.fitter.fit_of((Cause(name, params),))

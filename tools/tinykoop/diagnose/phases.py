@@ -28,7 +28,6 @@ TOGETHER, STRIDE = 6, 2  # steps of edges and parameters at once; rows that tell
 FEW = {"constant", "v", "omega", "v omega", "v |omega|", "sign of v", "sign of omega"} | {
     "heading, sine", "heading, cosine",
 }  # fmt: skip
-PROMISING = 6  # effects that are fitted in a part by themselves
 HOPELESS = 2.0  # times the cost of a fit: parameters alone do not mend that
 CHANGES = "change of"
 
@@ -117,7 +116,7 @@ def merge(search, edges, without, causes=()):
         if own is None or len(own.starts) < 2:
             continue
         mine = Search(own, without, search.seed)
-        best = mine.run(most=2, count=PROMISING)
+        best = mine.run(most=2)
         for cause in best.causes:
             worth = mine.drop(best, cause.name).cost - best.cost
             if worth > found.get(cause.name, (0,))[0]:

@@ -53,26 +53,22 @@ class Search:
             self.fits[key] = fit
         return self.fits[key]
 
-    def singles(self, count=None):
-        """Every effect by itself, or the `count` that promise most; sets the price of an effect."""
-        self.seen, self.scanned, self.price = {}, {}, np.inf
+    def singles(self):
+        """Every effect by itself; sets the price of an effect."""
+        self.seen, self.price = {}, np.inf
         if not self.fitter.effects:
             return self.base
         for name in self.fitter.effects:
-            self.scanned[name], seen = self.fitter.scan(name, self.base)
-            self.seen[name] = [s.left - self.base.left for s in seen]
-        for name in self.likely(self.base, count):
-            self.seen[name].append(self.single(name).left - self.base.left)
+            best, seen = self.fitter.scan(name, self.base)
+            fit = self.keep(self.fitter.polish(best))
+            self.seen[name] = [s.left - self.base.left for s in (*seen, fit)]
         directions = np.stack([g for group in self.seen.values() for g in group], 1)
         self.price = price(directions, self.seed)
         return self.best(1)
 
     def single(self, name):
         """The best fit of one effect."""
-        key = frozenset([name])
-        if key not in self.fits:
-            self.keep(self.fitter.polish(self.scanned[name]))
-        return self.fits[key]
+        return self.fits[frozenset([name])]
 
     def heat(self, fit):
         """Cost per degree of freedom, at least 1: what a misfit feigns is to be divided by."""
@@ -171,12 +167,9 @@ class Search:
                 return better
         return fit
 
-    def run(self, seeds=(), most=MOST, count=None):
-        """The explanation that is worth most; begins also from fits `seeds` found on other terms.
-
-        most, count: effects in it, and effects that are fitted by themselves.
-        """
-        self.singles(count)
+    def run(self, seeds=(), most=MOST):
+        """The explanation that is worth most; begins also from fits `seeds` found on other terms."""
+        self.singles()
         for seed in seeds:
             self.keep(self.fitter.refine(self.fitter.fit_of(seed.causes), steps=3))
         fit = self.best()

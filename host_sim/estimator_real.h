@@ -8,8 +8,8 @@
  * in the recursion opposes that difference, and it grows as lambda^-k: the form
  * is here to show what comes of it, and nothing guards it. */
 
-static size_t SIM(textbook_squares)(const KOOP(rls) *rls) {
-	return rls->config.regulator->needs_information ? 2 : 1;
+static size_t SIM(textbook_reals)(const KOOP(rls) *rls) {
+	return (rls->config.regulator->needs_information ? 2 : 1) * rls->n_regressors * rls->n_regressors_padded;
 }
 
 static REAL *SIM(textbook_inverse)(const KOOP(rls) *rls) {
@@ -18,7 +18,7 @@ static REAL *SIM(textbook_inverse)(const KOOP(rls) *rls) {
 
 static void SIM(textbook_reset)(KOOP(rls) *rls, REAL p0) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	for (size_t i = 0; i < d * rows * SIM(textbook_squares)(rls); i++) { rls->covariance[i] = 0; }
+	for (size_t i = 0; i < SIM(textbook_reals)(rls); i++) { rls->covariance[i] = 0; }
 	for (size_t i = 0; i < d; i++) {
 		rls->covariance[i * rows + i] = p0;
 		if (rls->config.regulator->needs_information) { SIM(textbook_inverse)(rls)[i * rows + i] = 1 / p0; }
@@ -83,14 +83,19 @@ static REAL SIM(textbook_element)(const KOOP(rls) *rls, size_t i, size_t j) {
 	return rls->covariance[i * rls->n_regressors_padded + j];
 }
 
+static void SIM(textbook_diagonal)(const KOOP(rls) *rls, REAL *diagonal) {
+	for (size_t i = 0; i < rls->n_regressors; i++) { diagonal[i] = SIM(textbook_element)(rls, i, i); }
+}
+
 static const KOOP(form) SIM(form_textbook) = {
     "textbook",
-    SIM(textbook_squares),
+    SIM(textbook_reals),
     SIM(textbook_reset),
     SIM(textbook_gain),
     SIM(textbook_information),
     SIM(textbook_apply),
     SIM(textbook_element),
+    SIM(textbook_diagonal),
 };
 
 /* ---- One estimator --------------------------------------------------------- */
@@ -210,15 +215,16 @@ static int SIM(set_theta)(SIM(estimator) * e, const double *theta) {
 
 /* P in double. From S where P is kept as S S': P itself may not fit a float. */
 static void SIM(get_covariance)(const SIM(estimator) * e, double *P) {
-	const size_t d = e->rls.n_regressors, rows = e->rls.n_regressors_padded;
+	const size_t d = e->rls.n_regressors;
 	const int factored = e->rls.config.form == &KOOP(form_sqrt);
 	for (size_t i = 0; i < d; i++) {
 		for (size_t j = 0; j <= i; j++) {
 			double lower = 0, upper = 0;
 			if (factored) {
 				for (size_t k = i; k < d; k++) {
-					const REAL *column = e->rls.covariance + k * rows;
-					lower += (double)column[i] * (double)column[j];
+					const REAL a = e->rls.covariance[KOOP_TRIANGLE_AT(k, i)];
+					const REAL b = e->rls.covariance[KOOP_TRIANGLE_AT(k, j)];
+					lower += (double)a * (double)b;
 				}
 				upper = lower;
 			} else {

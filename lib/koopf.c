@@ -6,6 +6,7 @@
 
 #define real float
 #define REAL_MAX FLT_MAX
+#define REAL_MIN FLT_MIN
 #define REAL_EPSILON FLT_EPSILON
 #define OUTER_WIDTH 24      /* columns updated at a time: what fits six 16-byte registers */
 #define MPC_TOLERANCE 1e-5f /* of the KKT residual, by default */

@@ -66,22 +66,34 @@ enum {
  *
  * SQRT suits the square-root form with any regulator, PLAIN the plain form
  * with any regulator and any check. rls_reals() gives the exact number, which
- * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL. */
+ * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL. What is
+ * symmetric or triangular is kept by half, in tiles of 4 x 4, but for the plain
+ * form's P where there are vector registers to fill. */
 #define KOOP_PAD(k) (((size_t)(k) + 3u) / 4u * 4u)
-#define KOOP_RLS_REALS(N, m, squares)                                                                        \
-	(((size_t)(N) + (m)) * (KOOP_PAD(N) + (squares) * KOOP_PAD((size_t)(N) + (m))) + KOOP_PAD(N) +           \
-	 5u * KOOP_PAD((size_t)(N) + (m)))
-#define KOOP_RLS_REALS_SQRT(N, m) KOOP_RLS_REALS(N, m, 1u)
-#define KOOP_RLS_REALS_PLAIN(N, m) KOOP_RLS_REALS(N, m, 3u)
+#define KOOP_TRIANGLE(d) (KOOP_PAD(d) * (KOOP_PAD(d) + 4u) / 2u)
+#define KOOP_TRIANGLE_AT(i, j) /* where element (i, j) is, j <= i */                                         \
+	((i) / 4u * ((i) / 4u + 1u) * 8u + (j) / 4u * 16u + (i) % 4u * 4u + (j) % 4u)
+#ifndef KOOP_VECTORS
+#if defined(__SSE2__) || defined(__ARM_NEON) || defined(__ARM_FEATURE_MVE) || defined(__riscv_vector)
+#define KOOP_VECTORS 1
+#else
+#define KOOP_VECTORS 0
+#endif
+#endif
+#define KOOP_SYMMETRIC(d) (KOOP_VECTORS ? KOOP_PAD(d) * KOOP_PAD(d) : KOOP_TRIANGLE(d))
+#define KOOP_EVEN(k) (((size_t)(k) + 1u) / 2u * 2u)
+#define KOOP_RLS_REALS(N, d, covariance)                                                                     \
+	(KOOP_EVEN(d) * KOOP_PAD(N) + 5u * KOOP_PAD(d) + KOOP_PAD(N) + (covariance))
+#define KOOP_RLS_REALS_SQRT(N, m) KOOP_RLS_REALS(N, (size_t)(N) + (m), KOOP_TRIANGLE((size_t)(N) + (m)))
+#define KOOP_RLS_REALS_PLAIN(N, m)                                                                           \
+	KOOP_RLS_REALS(N, (size_t)(N) + (m),                                                                     \
+	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
 
 /* Model predictive control: bounds that are fixed at compile time, and so the
- * worst case. With KOOP_MPC_NEWTON up to MAX_NEWTON steps are taken; where they get
- * stuck, gradient steps and Newton steps again, in rounds of LEAST_GRADIENT, twice
- * that, and so on up to MAX_GRADIENT. With KOOP_MPC_GRADIENT up to MAX_GRADIENT
- * gradient steps. Define the last of them smaller where time is shorter. */
+ * worst case: up to MAX_NEWTON steps with KOOP_MPC_NEWTON, up to MAX_GRADIENT with
+ * KOOP_MPC_GRADIENT. Define the latter smaller where time is shorter. */
 #define KOOP_MPC_MAX_HORIZON 1000
-#define KOOP_MPC_MAX_NEWTON 12
-#define KOOP_MPC_LEAST_GRADIENT 30
+#define KOOP_MPC_MAX_NEWTON 100
 #ifndef KOOP_MPC_MAX_GRADIENT
 #define KOOP_MPC_MAX_GRADIENT 5000
 #endif
@@ -98,11 +110,11 @@ enum {
 #define KOOP_MPC_PAD(k) (((size_t)(k) + KOOP_MPC_WINDOW - 1u) / KOOP_MPC_WINDOW * KOOP_MPC_WINDOW)
 #define KOOP_MPC_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define KOOP_MPC_WORK(N, n, m, H)                                                                            \
-	KOOP_MPC_MAX(KOOP_MPC_MAX((2u * (size_t)(m) + 3u) * KOOP_PAD(N), (size_t)(n) * KOOP_MPC_PAD(H)),         \
+	KOOP_MPC_MAX(KOOP_MPC_MAX((2u * (size_t)(m) + 3u) * KOOP_PAD(N), (size_t)(n) * ((H) + KOOP_MPC_WINDOW)), \
 	             (size_t)(m) * (KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW) + (n) + 2u * (m))
 #define KOOP_MPC_REALS(N, n, m, H)                                                                           \
-	((n) * (KOOP_MPC_WINDOW + KOOP_MPC_PAD((H) * (m)) + 2u * KOOP_MPC_PAD(H)) +                              \
-	 7u * KOOP_MPC_PAD((H) * (m)) + (m) + 2u * (m) * (m) + (n) * (n) + KOOP_MPC_WORK(N, n, m, H))
+	((n) * ((size_t)(H) * (m) + 2u * KOOP_MPC_PAD(H)) + 6u * KOOP_MPC_PAD((H) * (m)) +                       \
+	 KOOP_MPC_PAD((H) * (m)) / 4u + (m) + 2u * (m) * (m) + (n) * (n) + KOOP_MPC_WORK(N, n, m, H))
 #define KOOP_MPC_REALS_GRADIENT(N, n, m, H) KOOP_MPC_REALS(N, n, m, H)
 #define KOOP_MPC_REALS_NEWTON(N, n, m, H)                                                                    \
 	(KOOP_MPC_REALS(N, n, m, H) + ((n) + (m)) * KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW +                  \

@@ -79,8 +79,8 @@ extern const KOOP(regulator) KOOP(reg_sift);  /* forgets only along the regresso
 
 typedef struct KOOP(form) {
 	const char *name;
-	/* squares of storage, each d rows of KOOP_PAD(d) reals */
-	size_t (*squares)(const struct KOOP(rls) *rls);
+	/* number of reals of storage that P takes */
+	size_t (*reals)(const struct KOOP(rls) *rls);
 	/* P = p0 I */
 	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
 	/* rls->gain = P zeta; returns zeta' P zeta */
@@ -92,6 +92,8 @@ typedef struct KOOP(form) {
 	int (*apply)(struct KOOP(rls) *rls, const KOOP(step) *step, KOOP_REAL denominator);
 	/* element (i, j) of P */
 	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
+	/* the diagonal of P, KOOP_PAD(d) reals; may be rls->work */
+	void (*diagonal)(const struct KOOP(rls) *rls, KOOP_REAL *diagonal);
 } KOOP(form);
 
 /* plain: P as a number times a matrix, symmetric bit for bit by construction.
@@ -109,7 +111,7 @@ typedef struct KOOP(config) {
 	const KOOP(regulator) *regulator;
 	const KOOP(form) *form;
 	KOOP_REAL lambda;   /* forgetting factor, (0, 1]; the regulator `none` ignores it */
-	KOOP_REAL p0;       /* P starts as p0 I, p0 > 0 */
+	KOOP_REAL p0;       /* P starts as p0 I, p0 >= FLT_MIN or DBL_MIN */
 	KOOP_REAL delta;    /* dead zones: threshold of the innovation, >= 0 */
 	KOOP_REAL tau0;     /* constant trace: the trace, > 0; 0 means p0 d */
 	KOOP_REAL eps_sift; /* SIFt: least zeta' zeta that carries information, > 0; 0 means 1e-10 */
@@ -133,17 +135,17 @@ typedef struct KOOP(rls) {
 	size_t n_lifted;            /* N */
 	size_t n_regressors;        /* d = N + m */
 	size_t n_lifted_padded;     /* rows of theta are this long */
-	size_t n_regressors_padded; /* rows of covariance are this long */
+	size_t n_regressors_padded; /* the vectors below are this long */
 	KOOP_REAL *theta;           /* Theta', d x N, zero in the padding */
-	KOOP_REAL *covariance;      /* the form's squares, one after the other */
+	KOOP_REAL *covariance;      /* the form's: what it keeps of P */
 	KOOP_REAL *zeta;            /* scratch: regressor, d */
 	KOOP_REAL *gain;            /* scratch: P zeta, then the gain K, d */
 	KOOP_REAL *work;            /* scratch: three of d */
 	KOOP_REAL *error;           /* scratch: innovation, N */
 	KOOP_REAL gain_square;      /* scratch: K' K */
-	KOOP_REAL covariance_scale; /* plain form: P is this times its first square */
+	KOOP_REAL covariance_scale; /* plain form: P is this times what is kept */
 	KOOP_REAL theta_bound;      /* >= every |element| of theta */
-	KOOP_REAL covariance_bound; /* >= every |element| of the first square */
+	KOOP_REAL covariance_bound; /* >= every |element| of what is kept of P */
 	int positive_definite;      /* 0: P is known not to be */
 } KOOP(rls);
 
@@ -229,7 +231,8 @@ typedef struct KOOP(mpc_config) {
 typedef struct KOOP(mpc_result) {
 	/* The largest step that a gradient step, scaled by the Hessian's diagonal, would
 	 * still make inside the box: 0 at the optimum; units of the inputs. Where it is
-	 * above the tolerance, round-off or the bound on iterations came first. An input
+	 * above the tolerance, round-off or the bound on iterations came first; a last
+	 * correction of what round-off has left is not in it. An input
 	 * can be further from its optimum than this: measured, by a factor of 10 to 100. */
 	KOOP_REAL residual;
 	size_t iterations; /* Newton steps and gradient steps */
@@ -239,13 +242,13 @@ typedef struct KOOP(mpc_result) {
  * points to. */
 typedef struct KOOP(mpc) {
 	KOOP(mpc_config) config;
-	KOOP_REAL *markov; /* a row for each state: zeros, then C A^k B, k = 0..H-1 */
+	KOOP_REAL *markov; /* a row for each state and input: element of C A^k B, k = 0..H-1 */
 	KOOP_REAL
 	*free_error;         /* a row for each state, last step first: prediction without input less reference */
 	KOOP_REAL *state;    /* scratch: likewise */
 	KOOP_REAL *inverse;  /* of the diagonal of the Hessian, H m */
 	KOOP_REAL *plan;     /* H m, last input first */
-	KOOP_REAL *set;      /* H m: 0 free, -1 held by its lower bound, 1 by its upper */
+	signed char *set;    /* H m: 0 free, below 0 held by its lower bound, above by its upper */
 	KOOP_REAL *u_before; /* m */
 	KOOP_REAL *roots;    /* lower Cholesky factors of R, S and Q */
 	KOOP_REAL *gradient, *trial, *other, *step; /* scratch: H m each */
@@ -256,10 +259,10 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL *factor;                          /* packed Cholesky factor over the free inputs */
 	KOOP_REAL steepest;                         /* largest eigenvalue seen of the scaled Hessian */
 	KOOP_REAL noise;                            /* a residual below this can be all round-off */
-	size_t n_free;
-	int planned;  /* plan and set are those of the last solve */
-	int factored; /* factor is one over this choice of free inputs */
-	int fresh;    /* and of this solve's Hessian */
+	size_t n_free;                              /* rows of the factor */
+	int planned;                                /* plan and set are those of the last solve */
+	int factored;                               /* factor is one over this choice of free inputs */
+	int fresh;                                  /* and of this solve's Hessian */
 } KOOP(mpc);
 
 /* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals, and with S

@@ -1,7 +1,11 @@
 /* The sources of TinyKoop in the order in which they build on each other.
  * koopf.c and koopd.c include this with `real`, MATH and KOOP defined. */
-#include "status.c"
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "TinyKoop needs NaN: compile it without -ffast-math and -ffinite-math-only, which drop every check for it"
+#endif
+
 #include "vector.c"
+#include "status.c"
 
 #include "dictionary.c"
 #include "dictionary_ddr.c"
@@ -13,6 +17,8 @@
 #include "regulator_ct.c"
 #include "regulator_sift.c"
 
+#include "triangle.c"
+#include "symmetric.c"
 #include "form_plain.c"
 #include "form_sqrt.c"
 

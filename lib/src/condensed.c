@@ -11,39 +11,61 @@
  *     H[a, b] = H[a - 1, b - 1] + G[a]' Q G[b]
  */
 
-/* Windows are worked by eight: arrays are padded to that, and the rows of Markov
- * parameters have eight zeros in front, for windows that begin before them. */
+/* Windows are worked by eight: arrays that they run over are padded to that. */
 #define WINDOW KOOP_MPC_WINDOW
+
+/* For a function that is to be compiled as if its callers could be anyone. */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
+#define UNKNOWN_CALLERS __attribute__((noipa))
+#else
+#define UNKNOWN_CALLERS
+#endif
 
 static size_t padded(size_t k) {
 	return KOOP_MPC_PAD(k);
 }
 
-/* y[0..7] += sum over k of x[k dx] w[k dw ..  k dw + 7]; w moves by dw, forwards or backwards */
-OUT_OF_LINE static void add_windows(real *restrict y, const real *x, size_t dx, size_t n, const real *w,
-                                    ptrdiff_t dw) {
-	real s0 = y[0], s1 = y[1], s2 = y[2], s3 = y[3], s4 = y[4], s5 = y[5], s6 = y[6], s7 = y[7];
-	for (; n > 0; n--) {
-		const real a = *x;
-		s0 += a * w[0];
-		s1 += a * w[1];
-		s2 += a * w[2];
-		s3 += a * w[3];
-		s4 += a * w[4];
-		s5 += a * w[5];
-		s6 += a * w[6];
-		s7 += a * w[7];
-		x += dx;
-		w += dw;
+#define WINDOW_ADD(lane) s##lane += a * x[lane];
+#define WINDOW_BEGIN(lane) real s##lane = y[lane];
+#define WINDOW_END(lane) y[lane] = s##lane;
+/* four steps at once: eleven elements of x are loaded, not thirty-two */
+#define WINDOW_FOUR(lane, next1, next2, next3)                                                               \
+	s##lane += a0 * x##lane;                                                                                 \
+	s##lane += a1 * x##next1;                                                                                \
+	s##lane += a2 * x##next2;                                                                                \
+	s##lane += a3 * x##next3;
+
+/* y[0..7] += sum over k of g[k] x[k..k+7]. `dx` is 1; a compiler that knew would not load
+ * what the window before has loaded, and so not have vectors. */
+OUT_OF_LINE static UNKNOWN_CALLERS void add_windows(real *restrict y, const real *g, const real *x, size_t dx,
+                                                    size_t n) {
+	LANES_8(WINDOW_BEGIN)
+	for (; !VECTORS && n >= 4; n -= 4, g += 4, x += 4) {
+		const real a0 = g[0], a1 = g[1], a2 = g[2], a3 = g[3];
+		const real x0 = x[0], x1 = x[1], x2 = x[2], x3 = x[3], x4 = x[4], x5 = x[5];
+		const real x6 = x[6], x7 = x[7], x8 = x[8], x9 = x[9], x10 = x[10];
+		WINDOW_FOUR(0, 1, 2, 3)
+		WINDOW_FOUR(1, 2, 3, 4)
+		WINDOW_FOUR(2, 3, 4, 5)
+		WINDOW_FOUR(3, 4, 5, 6)
+		WINDOW_FOUR(4, 5, 6, 7)
+		WINDOW_FOUR(5, 6, 7, 8)
+		WINDOW_FOUR(6, 7, 8, 9)
+		WINDOW_FOUR(7, 8, 9, 10)
 	}
-	y[0] = s0;
-	y[1] = s1;
-	y[2] = s2;
-	y[3] = s3;
-	y[4] = s4;
-	y[5] = s5;
-	y[6] = s6;
-	y[7] = s7;
+	for (; n > 0; n--) {
+		const real a = *g;
+		LANES_8(WINDOW_ADD)
+		g += dx;
+		x += dx;
+	}
+	LANES_8(WINDOW_END)
+}
+
+/* y[b] += sum over c of g[c] x[b + c], all of n steps; y is padded, x goes on with eight
+ * zeros */
+static void correlate(real *y, const real *g, const real *x, size_t n) {
+	for (size_t b = 0; b < n; b += WINDOW) { add_windows(y + b, g, x + b, 1, n - b); }
 }
 
 static real clip(real x, real low, real high) {
@@ -62,8 +84,9 @@ static void clip_all(const KOOP(mpc_config) *c, real *v) {
 	}
 }
 
-static real *markov_row(const KOOP(mpc) *mpc, size_t i) {
-	return mpc->markov + i * (WINDOW + padded(mpc->config.horizon * mpc->config.n_inputs)) + WINDOW;
+/* What input j does to state i, step by step: element (i, j) of C A^k B, k = 0..H-1. */
+static real *markov_row(const KOOP(mpc) *mpc, size_t i, size_t j) {
+	return mpc->markov + (i * mpc->config.n_inputs + j) * mpc->config.horizon;
 }
 
 /* sum + rest = sum + rest + a x, with `rest` for what rounding takes away: Dekker's
@@ -84,16 +107,55 @@ static void add_product(real *sum, real *rest, real a, real x) {
 
 /* change = A psi - psi. A robot's position is large against the way it goes in one
  * step, and a plan sees only the latter: in float32 the sum is kept in two parts. */
-static void first_change(const real *theta, const real *psi, size_t N, size_t rows, real *change,
-                         real *rest) {
+static void first_change(const real *theta, const real *psi, size_t N, real *change, real *rest) {
 	for (size_t i = 0; i < N; i++) {
 		change[i] = -psi[i];
 		rest[i] = 0;
 	}
 	for (size_t k = 0; k < N; k++) {
-		for (size_t i = 0; i < N; i++) { add_product(change + i, rest + i, theta[k * rows + i], psi[k]); }
+		for (size_t i = 0; i < N; i++) {
+			add_product(change + i, rest + i, theta[k * KOOP_PAD(N) + i], psi[k]);
+		}
 	}
 	for (size_t i = 0; i < N; i++) { change[i] += rest[i]; }
+}
+
+#define STEP_BEGIN(lane) real p##lane = 0, q##lane = 0, r##lane = 0;
+#define STEP_ADD(lane)                                                                                       \
+	{                                                                                                        \
+		const real element = row[lane];                                                                      \
+		p##lane += element * a;                                                                              \
+		q##lane += element * b;                                                                              \
+		r##lane += element * c;                                                                              \
+	}
+#define STEP_END(lane) y[i + lane] = p##lane, y[second + i + lane] = q##lane, y[third + i + lane] = r##lane;
+
+/* y = A x for the three vectors at 0, `second` and `third` of x and y: an element of A is
+ * loaded once for three. */
+OUT_OF_LINE static void step_three(real *restrict y, const real *A, const real *x, size_t N, size_t second,
+                                   size_t third) {
+	const size_t rows = KOOP_PAD(N);
+	for (size_t i = 0; i < rows; i += 4) {
+		const real *row = A + i, *x0 = x, *x1 = x + second, *x2 = x + third;
+		LANES_4(STEP_BEGIN)
+		for (const real *end = row + N * rows; row < end; row += rows) {
+			const real a = *x0++, b = *x1++, c = *x2++;
+			LANES_4(STEP_ADD)
+		}
+		LANES_4(STEP_END)
+	}
+}
+
+/* next = A now for each of `count` vectors */
+static void step_all(real *next, const real *A, const real *now, size_t N, size_t count) {
+	const size_t rows = KOOP_PAD(N);
+	for (size_t j = 0; VECTORS && j < count; j++) {
+		weighted_rows(next + j * rows, A, now + j * rows, N, rows);
+	}
+	for (size_t j = 0; !VECTORS && j < count; j += 3) {
+		const size_t second = j + 1 < count ? rows : 0, third = j + 2 < count ? 2 * rows : second;
+		step_three(next + j * rows, A, now + j * rows, N, second, third);
+	}
 }
 
 /* Markov parameters and free response less the reference, one pass of A over
@@ -102,16 +164,17 @@ static void predict(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t N = c->n_lifted, n = c->n_states, m = c->n_inputs, H = c->horizon, rows = KOOP_PAD(N);
 	real *change = mpc->work, *now = change + rows, *next = now + (m + 1) * rows;
-	for (size_t i = 0; i < (2 * m + 3) * rows; i++) { change[i] = 0; }
-	first_change(theta, psi, N, rows, change, next);
-	for (size_t j = 0; j < m; j++) { copy(now + j * rows, theta + (N + j) * rows, N); }
+	first_change(theta, psi, N, change, next);
+	copy(now, theta + N * rows, m * rows);
 	copy(now + m * rows, change, N);
 	for (size_t k = 0; k < H; k++) {
 		for (size_t i = 0; i < n; i++) {
-			for (size_t j = 0; j < m; j++) { markov_row(mpc, i)[k * m + j] = now[j * rows + i]; }
-			mpc->free_error[i * padded(H) + H - 1 - k] = (psi[i] - reference[k * n + i]) + now[m * rows + i];
+			const real *element = now + i;
+			for (size_t j = 0; j < m; j++, element += rows) { markov_row(mpc, i, j)[k] = *element; }
+			mpc->free_error[i * padded(H) + H - 1 - k] = (psi[i] - reference[k * n + i]) + *element;
 		}
-		for (size_t j = 0; j <= m; j++) { weighted_rows(next + j * rows, theta, now + j * rows, N, rows); }
+		if (k + 1 == H) { break; }
+		step_all(next, theta, now, N, m + 1);
 		add_scaled(next + m * rows, 1, change, N);
 		real *swap = now;
 		now = next;
@@ -121,58 +184,51 @@ static void predict(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 
 /* state += prediction under v */
 static void add_prediction(KOOP(mpc) *mpc, const real *v) {
-	const KOOP(mpc_config) *c = &mpc->config;
-	const size_t m = c->n_inputs, H = c->horizon, rows = padded(H) + WINDOW;
+	const size_t m = mpc->config.n_inputs, H = mpc->config.horizon;
 	for (size_t j = 0; j < m; j++) {
-		real *row = mpc->work + j * rows; /* input j over time, and zeros */
-		for (size_t a = 0; a < H; a++) { row[a] = v[a * m + j]; }
-		for (size_t a = H; a < rows; a++) { row[a] = 0; }
-	}
-	for (size_t i = 0; i < c->n_states; i++) {
-		for (size_t b = 0; b < H; b += WINDOW) {
-			for (size_t j = 0; j < m; j++) {
-				add_windows(mpc->state + i * padded(H) + b, markov_row(mpc, i) + j, m, H - b,
-				            mpc->work + j * rows + b, 1);
-			}
+		real *input = mpc->work; /* over time, and zeros */
+		for (size_t a = 0; a < H; a++) { input[a] = v[a * m + j]; }
+		for (size_t a = H; a < H + WINDOW; a++) { input[a] = 0; }
+		for (size_t i = 0; i < mpc->config.n_states; i++) {
+			correlate(mpc->state + i * padded(H), markov_row(mpc, i, j), input, H);
 		}
 	}
 }
 
-/* out += T' Q state */
+/* out += T' Q state; destroys the state. With time forwards this is a sum like the
+ * prediction. */
 static void add_adjoint(KOOP(mpc) *mpc, real *out) {
 	const KOOP(mpc_config) *c = &mpc->config;
-	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon, V = H * m;
-	real *weighted = mpc->work; /* Q state */
-	for (size_t i = 0; i < n * padded(H); i++) { weighted[i] = 0; }
+	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon, rows = H + WINDOW;
 	for (size_t i = 0; i < n; i++) {
+		real *weighted = mpc->work + i * rows; /* Q state, first step first, and zeros */
+		for (size_t a = 0; a < rows; a++) { weighted[a] = 0; }
 		for (size_t k = 0; k < n; k++) {
-			const real Q = c->Q[i * n + k];
-			if (Q != 0) { add_scaled(weighted + i * padded(H), Q, mpc->state + k * padded(H), H); }
+			const real Q = c->Q[i * n + k], *last = mpc->state + k * padded(H) + H;
+			for (size_t a = 0; Q != 0 && a < H; a++) { weighted[a] += Q * *--last; }
 		}
 	}
-	for (size_t q = 0; q < V; q += WINDOW) {
-		const size_t reach = (q + WINDOW - 1) / m + 1;
-		for (size_t i = 0; i < n; i++) {
-			add_windows(out + q, weighted + i * padded(H), 1, reach < H ? reach : H, markov_row(mpc, i) + q,
-			            -(ptrdiff_t)m);
-		}
+	for (size_t j = 0; j < m; j++) {
+		real *sum = mpc->state;
+		for (size_t a = 0; a < padded(H); a++) { sum[a] = 0; }
+		for (size_t i = 0; i < n; i++) { correlate(sum, markov_row(mpc, i, j), mpc->work + i * rows, H); }
+		for (size_t a = 0; a < H; a++) { out[a * m + j] += sum[H - 1 - a]; }
 	}
 }
 
 /* out = H v without the part of the states: R, and S between neighbours */
 static void multiply_weights(const KOOP(mpc) *mpc, const real *v, real *out) {
 	const KOOP(mpc_config) *c = &mpc->config;
-	const size_t m = c->n_inputs, H = c->horizon;
-	for (size_t a = 0; a < H; a++) {
+	const size_t m = c->n_inputs, V = c->horizon * m;
+	for (size_t q = 0; q < V; q += m) {
 		for (size_t j = 0; j < m; j++) {
-			real sum = dot(c->R + j * m, v + a * m, m);
-			if (c->S) {
-				const real *S = c->S + j * m;
-				sum += (a > 0 ? 2 : 1) * dot(S, v + a * m, m);
-				if (a > 0) { sum -= dot(S, v + (a - 1) * m, m); }
-				if (a + 1 < H) { sum -= dot(S, v + (a + 1) * m, m); }
+			real sum = 0;
+			for (size_t k = 0; k < m; k++) { sum += c->R[j * m + k] * v[q + k]; }
+			for (size_t k = 0, e = q; c->S && k < m; k++, e++) {
+				const real after = e >= m ? v[e] - v[e - m] : 0, before = e + m < V ? v[e] - v[e + m] : v[e];
+				sum += c->S[j * m + k] * (after + before);
 			}
-			out[a * m + j] = sum;
+			out[q + j] = sum;
 		}
 	}
 }
@@ -212,13 +268,16 @@ static real evaluate(KOOP(mpc) *mpc, const real *v, real *gradient) {
 	return kkt_residual(mpc, v, gradient);
 }
 
-/* weighted = column (a, j) of Q G */
-static void weigh_column(const KOOP(mpc) *mpc, size_t q, real *weighted) {
+/* G' Q G of input j at step a */
+static real response_weight(const KOOP(mpc) *mpc, size_t a, size_t j) {
 	const size_t n = mpc->config.n_states;
+	real sum = 0;
 	for (size_t i = 0; i < n; i++) {
-		weighted[i] = 0;
-		for (size_t k = 0; k < n; k++) { weighted[i] += mpc->config.Q[i * n + k] * markov_row(mpc, k)[q]; }
+		real weighted = 0;
+		for (size_t k = 0; k < n; k++) { weighted += mpc->config.Q[i * n + k] * markov_row(mpc, k, j)[a]; }
+		sum += weighted * markov_row(mpc, i, j)[a];
 	}
+	return sum;
 }
 
 /* Condenses: Markov parameters, free response, diagonal of the Hessian. */
@@ -226,20 +285,15 @@ OUT_OF_LINE static int condense(KOOP(mpc) *mpc, const real *theta, const real *p
                                 const real *u_before) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon;
-	real *weighted = mpc->work;
 	predict(mpc, theta, psi, reference);
-	for (size_t i = 0; i < n; i++) {
-		if (!all_finite(markov_row(mpc, i), H * m)) { return KOOP_E_OVERFLOW; }
-	}
+	if (!all_finite(mpc->markov, n * m * H)) { return KOOP_E_OVERFLOW; }
 	if (!all_finite(mpc->free_error, n * padded(H))) { return KOOP_E_OVERFLOW; }
-	for (size_t j = 0; c->S && j < m; j++) { mpc->u_before[j] = u_before[j]; }
-
 	for (size_t j = 0; j < m; j++) {
 		const real rate = c->S ? c->S[j * m + j] : 0;
 		real sum = c->R[j * m + j];
+		if (c->S) { mpc->u_before[j] = u_before[j]; }
 		for (size_t a = 0; a < H; a++) {
-			weigh_column(mpc, a * m + j, weighted);
-			for (size_t i = 0; i < n; i++) { sum += markov_row(mpc, i)[a * m + j] * weighted[i]; }
+			sum += response_weight(mpc, a, j);
 			const real diagonal = sum + (a > 0 ? 2 : 1) * rate;
 			if (!is_finite(diagonal)) { return KOOP_E_OVERFLOW; }
 			if (!(diagonal > 0)) { return KOOP_E_INDEFINITE; }

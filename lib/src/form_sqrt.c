@@ -1,52 +1,41 @@
 /* P = S S' with S upper triangular and a positive diagonal: P is positive
  * definite whatever the round-off, and S needs half the exponent range of P.
  *
- * Row j of the storage is column j of S, elements 0 to j, zero beyond. The
- * update is Carlson's ("Fast triangular formulation of the square root
- * filter", AIAA Journal 11(9), 1973). */
+ * The storage holds S', a lower triangle: its row j is column j of S. The update is Carlson's ("Fast
+ * triangular formulation of the square root filter", AIAA Journal 11(9), 1973). */
 
-static size_t sqrt_squares(const KOOP(rls) *rls) {
-	(void)rls;
-	return 1;
+static COLD size_t sqrt_reals(const KOOP(rls) *rls) {
+	return KOOP_TRIANGLE(rls->n_regressors);
 }
 
-static real *sqrt_column(const KOOP(rls) *rls, size_t j) {
-	return rls->covariance + j * rls->n_regressors_padded;
-}
-
-static void sqrt_reset(KOOP(rls) *rls, real p0) {
+static COLD void sqrt_reset(KOOP(rls) *rls, real p0) {
 	const real root = MATH(sqrt)(p0);
-	set_diagonal(rls, rls->covariance, root);
+	set_triangle(rls->covariance, root, rls->n_regressors);
 	rls->covariance_bound = root;
 }
 
 /* f = S' zeta into the first work vector, where sqrt_apply() takes it up */
 static void sqrt_project(KOOP(rls) *rls) {
-	for (size_t j = 0; j < rls->n_regressors; j++) {
-		rls->work[j] = dot(sqrt_column(rls, j), rls->zeta, KOOP_PAD(j + 1));
-	}
+	triangle_times(rls->work, rls->covariance, rls->zeta, rls->n_regressors);
 }
 
 static real sqrt_gain(KOOP(rls) *rls) {
-	const size_t d = rls->n_regressors;
-	real *f = rls->work;
 	sqrt_project(rls);
-	for (size_t i = 0; i < rls->n_regressors_padded; i++) { rls->gain[i] = 0; }
-	for (size_t j = 0; j < d; j++) { add_scaled(rls->gain, f[j], sqrt_column(rls, j), KOOP_PAD(j + 1)); }
-	return dot(f, f, d);
+	triangle_transposed_times(rls->gain, rls->covariance, rls->work, rls->n_regressors);
+	return dot(rls->work, rls->work, rls->n_regressors_padded);
 }
 
 /* y = S^-1 zeta by back substitution, y' y */
-static real sqrt_information(KOOP(rls) *rls) {
+static GLUE real sqrt_information(KOOP(rls) *rls) {
 	real *y = rls->work + rls->n_regressors_padded;
-	for (size_t i = 0; i < rls->n_regressors_padded; i++) { y[i] = rls->zeta[i]; }
+	copy(y, rls->zeta, rls->n_regressors_padded);
 	for (size_t j = rls->n_regressors; j-- > 0;) {
-		const real *column = sqrt_column(rls, j);
-		const real value = y[j] / column[j];
-		add_scaled(y, -value, column, KOOP_PAD(j + 1));
+		const real *column = rls->covariance + KOOP_TRIANGLE_AT(j, 0);
+		const real value = y[j] / column[4 * (j - j % 4) + j % 4];
+		for (size_t i = 0; i <= j; i += 4) { add_four(y + i, -value, column + 4 * i); }
 		y[j] = value;
 	}
-	return dot(y, y, rls->n_regressors);
+	return dot(y, y, rls->n_regressors_padded);
 }
 
 /* sqrt(a^2 + b^2) for a > 0 without overflow on the way */
@@ -56,97 +45,111 @@ static real root_sum_squares(real a, real b) {
 }
 
 /* S S' + w w', by rotations of w into the columns of S; w is used up */
-static void sqrt_add(KOOP(rls) *rls, real *w) {
+static GLUE void sqrt_add(KOOP(rls) *rls, real *w) {
 	for (size_t j = rls->n_regressors; j-- > 0;) {
-		real *column = sqrt_column(rls, j);
-		const real radius = root_sum_squares(column[j], w[j]);
-		const real c = column[j] / radius, s = w[j] / radius;
-		for (size_t i = 0; i < j; i++) {
-			const real t = column[i];
-			column[i] = c * t + s * w[i];
+		real *diagonal = rls->covariance + KOOP_TRIANGLE_AT(j, j),
+		     *element = rls->covariance + KOOP_TRIANGLE_AT(j, 0);
+		const real radius = root_sum_squares(*diagonal, w[j]);
+		const real c = *diagonal / radius, s = w[j] / radius;
+		for (size_t i = 0; i < j; i++, element += i % 4 ? 1 : 13) {
+			const real t = *element;
+			*element = c * t + s * w[i];
 			w[i] = c * w[i] - s * t;
 		}
-		column[j] = radius;
+		*diagonal = radius;
 	}
 }
 
-/* column = c column - e b,  b += f column, over the old column */
-static void carlson_column(real *restrict column, real *restrict b, real c, real e, real f, size_t rows) {
-	for (size_t i = 0; i < rows; i += 4) {
-		const real s0 = column[i], s1 = column[i + 1], s2 = column[i + 2], s3 = column[i + 3];
-		const real b0 = b[i], b1 = b[i + 1], b2 = b[i + 2], b3 = b[i + 3];
-		column[i] = c * s0 - e * b0;
-		column[i + 1] = c * s1 - e * b1;
-		column[i + 2] = c * s2 - e * b2;
-		column[i + 3] = c * s3 - e * b3;
-		b[i] = b0 + f * s0;
-		b[i + 1] = b1 + f * s1;
-		b[i + 2] = b2 + f * s2;
-		b[i + 3] = b3 + f * s3;
+/* column = c column - e b,  b += f column, over the old column; four elements */
+static INLINE void carlson_four(real *column, real *b, real c, real e, real f) {
+	const real old[4] = {column[0], column[1], column[2], column[3]};
+	column[0] = c * old[0] - e * b[0];
+	column[1] = c * old[1] - e * b[1];
+	column[2] = c * old[2] - e * b[2];
+	column[3] = c * old[3] - e * b[3];
+	add_four(b, f, old);
+}
+
+/* S S' becomes (S S' - g g' / (noise + s)) root_scale^2, from f = S' zeta; b is scratch */
+static KERNEL void carlson(real *restrict S, const real *restrict f, real *restrict b, real noise,
+                           real root_scale, size_t d) {
+	for (size_t j = 0; j < d; j += 2) {
+		real *column = S + KOOP_TRIANGLE_AT(j, 0);
+		const real f0 = f[j], f1 = f[j + 1];
+		const real n0 = noise + f0 * f0, n1 = n0 + f1 * f1;
+		const real c0 = MATH(sqrt)(noise / n0), c1 = MATH(sqrt)(n0 / n1);
+		const real e0 = f0 / (n0 * c0), e1 = f1 / (n1 * c1);
+		noise = n1;
+		if (j % 4 == 0) { b[j] = b[j + 1] = b[j + 2] = b[j + 3] = 0; }
+		for (size_t i = 0; i <= j; i += 4, column += 16) {
+			carlson_four(column, b + i, c0 * root_scale, e0 * root_scale, f0);
+			carlson_four(column + 4, b + i, c1 * root_scale, e1 * root_scale, f1);
+		}
 	}
 }
 
-static int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
-	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	real *f = rls->work, *b = rls->work + rows, *up = rls->work + 2 * rows;
+/* The new bound of S's elements, or why the update cannot be; S is not touched. No row of S grows by
+ * more than `growth`, and no diagonal element shrinks by more than noise / denominator. */
+static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real denominator, real growth,
+                            real *bound) {
+	const size_t d = rls->n_regressors, size = KOOP_TRIANGLE(d);
+	const real *S = rls->covariance, *diagonal = S;
 	const real root_scale = MATH(sqrt)(step->scale);
-	const real root_inflate = MATH(sqrt)(step->inflate);
-
-	/* no row of S grows by more than |up|, and no diagonal element shrinks by
-	 * more than noise / denominator: known before S is touched */
-	const real growth = root_inflate * max_abs(rls->zeta, d);
-	real bound = root_scale * (rls->covariance_bound + growth);
 	real least = REAL_MAX;
-	for (size_t j = 0; j < d; j++) {
-		if (sqrt_column(rls, j)[j] < least) { least = sqrt_column(rls, j)[j]; }
+	*bound = root_scale * (rls->covariance_bound + growth);
+	if (!(*bound < REAL_MAX / 2)) {
+		*bound = root_scale * (max_abs(S, size) * MATH(sqrt)((real)d) + growth);
+		if (!(*bound < REAL_MAX / 2)) { return KOOP_E_OVERFLOW; }
 	}
-	if (!(bound < REAL_MAX / 2)) {
-		bound = root_scale * (max_abs(rls->covariance, d * rows) * MATH(sqrt)((real)d) + growth);
+	for (size_t j = 0; j < d; diagonal += diagonal_step(++j)) {
+		least = *diagonal < least ? *diagonal : least;
 	}
-	if (!(bound < REAL_MAX / 2)) { return KOOP_E_OVERFLOW; }
 	if (!(least * MATH(sqrt)(step->noise / denominator) > 0)) { return KOOP_E_INDEFINITE; }
 	if (step->trace > 0) {
 		/* an update without scale lowers the trace, by no more than noise / denominator:
-		 * neither it nor the factor below may leave the range */
-		const real trace = dot(rls->covariance, rls->covariance, d * rows);
+		 * neither it nor the factor that restores it may leave the range */
+		const real trace = dot(S, S, size);
 		if (!(trace < REAL_MAX)) { return KOOP_E_OVERFLOW; }
 		if (!(step->trace / trace * (denominator / step->noise) < REAL_MAX)) { return KOOP_E_OVERFLOW; }
 	}
+	return KOOP_OK;
+}
+
+static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
+	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded, size = KOOP_TRIANGLE(d);
+	real *S = rls->covariance, *f = rls->work, *b = rls->work + rows, *up = rls->work + 2 * rows;
+	const real root_inflate = MATH(sqrt)(step->inflate);
+	const real growth = step->inflate > 0 ? root_inflate * max_abs(rls->zeta, d) : 0;
+	real bound;
+	const int status = sqrt_limits(rls, step, denominator, growth, &bound);
+	if (status != KOOP_OK) { return status; }
 
 	if (step->inflate > 0) {
-		for (size_t i = 0; i < rows; i++) { up[i] = root_inflate * rls->zeta[i]; }
+		scaled(up, root_inflate, rls->zeta, rows);
 		sqrt_add(rls, up);
 		sqrt_project(rls);
 	}
-
-	for (size_t i = 0; i < rows; i++) { b[i] = 0; }
-	real before = step->noise;
-	for (size_t j = 0; j < d; j++) {
-		const real after = before + f[j] * f[j];
-		const real c = MATH(sqrt)(before / after);
-		const real e = f[j] / (after * c);
-		carlson_column(sqrt_column(rls, j), b, c * root_scale, e * root_scale, f[j], KOOP_PAD(j + 1));
-		before = after;
-	}
-
+	carlson(S, f, b, step->noise, MATH(sqrt)(step->scale), d);
 	if (step->trace > 0) {
-		const real trace = dot(rls->covariance, rls->covariance, d * rows);
-		const real factor = MATH(sqrt)(step->trace / trace);
-		for (size_t i = 0; i < d * rows; i++) { rls->covariance[i] *= factor; }
+		scaled(S, MATH(sqrt)(step->trace / dot(S, S, size)), S, size);
 		bound = MATH(sqrt)(step->trace) * 2;
 	}
 	rls->covariance_bound = bound;
 	return KOOP_OK;
 }
 
-static real sqrt_element(const KOOP(rls) *rls, size_t i, size_t j) {
+static COLD real sqrt_element(const KOOP(rls) *rls, size_t i, size_t j) {
 	real sum = 0;
 	for (size_t k = i > j ? i : j; k < rls->n_regressors; k++) {
-		sum += sqrt_column(rls, k)[i] * sqrt_column(rls, k)[j];
+		sum += rls->covariance[KOOP_TRIANGLE_AT(k, i)] * rls->covariance[KOOP_TRIANGLE_AT(k, j)];
 	}
 	return sum;
 }
 
+static void sqrt_diagonal(const KOOP(rls) *rls, real *diagonal) {
+	triangle_square_diagonal(diagonal, rls->covariance, rls->n_regressors);
+}
+
 const KOOP(form) KOOP(form_sqrt) = {
-    "sqrt", sqrt_squares, sqrt_reset, sqrt_gain, sqrt_information, sqrt_apply, sqrt_element,
+    "sqrt", sqrt_reals, sqrt_reset, sqrt_gain, sqrt_information, sqrt_apply, sqrt_element, sqrt_diagonal,
 };

@@ -5,12 +5,12 @@
 
 #include <string.h>
 
-static void put(unsigned char *at, uint32_t value, size_t bytes) {
+static COLD void put(unsigned char *at, uint32_t value, size_t bytes) {
 	for (size_t i = 0; i < bytes; i++) { at[i] = (unsigned char)(value >> (8 * i)); }
 }
 
 /* CRC-32 of IEEE 802.3, bit by bit: it is run once, at start-up */
-static uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t count) {
+static COLD uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t count) {
 	crc = ~crc;
 	for (size_t i = 0; i < count; i++) {
 		crc ^= bytes[i];
@@ -19,7 +19,7 @@ static uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t count) {
 	return ~crc;
 }
 
-static void model_header(const KOOP(rls) *rls, unsigned char *header) {
+static COLD void model_header(const KOOP(rls) *rls, unsigned char *header) {
 	const char *name = rls->config.dictionary->name;
 	memcpy(header, "KOOP", 4);
 	put(header + 4, 1, 2);
@@ -31,15 +31,15 @@ static void model_header(const KOOP(rls) *rls, unsigned char *header) {
 	put(header + 16, crc32(0, (const unsigned char *)name, strlen(name)), 4);
 }
 
-static size_t model_bytes(const KOOP(rls) *rls) {
+static COLD size_t model_bytes(const KOOP(rls) *rls) {
 	return KOOP_MODEL_HEADER_BYTES + sizeof(real) * rls->n_lifted * rls->n_regressors;
 }
 
-static uint32_t model_checksum(const unsigned char *model, size_t size) {
+static COLD uint32_t model_checksum(const unsigned char *model, size_t size) {
 	return crc32(crc32(0, model, 20), model + KOOP_MODEL_HEADER_BYTES, size - KOOP_MODEL_HEADER_BYTES);
 }
 
-int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
+COLD int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
 	if (size < model_bytes(rls)) { return KOOP_E_STORAGE; }
 	unsigned char *model = (unsigned char *)bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
@@ -53,7 +53,7 @@ int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
 	return KOOP_OK;
 }
 
-int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size) {
+COLD int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
 	const unsigned char *model = (const unsigned char *)bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
 	unsigned char expected[KOOP_MODEL_HEADER_BYTES];

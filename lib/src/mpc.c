@@ -1,28 +1,47 @@
-/* Koopman-MPC: the condensed quadratic program in its box, by Bertsekas' projected
- * Newton method. The free inputs, those that no bound holds, take the step to where
- * their gradient vanishes, as long as that goes downhill; so it cannot cycle. Where
- * it gets stuck, projected gradient steps find the bounds that act. */
+/* Koopman-MPC: the condensed quadratic program in its box, by Bertsekas' projected Newton
+ * method. The free inputs, those that no bound holds, take the step to where their gradient
+ * vanishes, cut off by the box, as long as that goes downhill; else a shorter step that
+ * does. So no set of bounds comes twice. */
 
-/* Writes down which inputs are free: all but those at a bound that the way downhill
- * presses against it. */
-static void choose_free(KOOP(mpc) *mpc) {
+/* Writes down which inputs are free: all but those at a bound that the way down the slope
+ * presses against it. Returns whether that has changed. A few that no longer are free leave
+ * the factor, if none comes back; else it is to be made anew. */
+#define MPC_MOST_DROPPED 8
+
+static int choose_free(KOOP(mpc) *mpc, const real *slope) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, V = c->horizon * m;
-	mpc->n_free = 0;
+	signed char *wanted = (signed char *)mpc->work;
+	int dropped = 0, back = 0;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
-		const real v = mpc->plan[q], g = mpc->gradient[q];
-		const real set = v >= c->u_max[j] && g <= 0 ? 1 : v <= c->u_min[j] && g >= 0 ? -1 : 0;
-		if (set != mpc->set[q]) { mpc->factored = 0; }
-		mpc->set[q] = set;
-		mpc->n_free += set == 0;
+		const real v = mpc->plan[q], g = slope[q];
+		const int held = v >= c->u_max[j] && g <= 0 ? HELD : v <= c->u_min[j] && g >= 0 ? -HELD : FREE;
+		wanted[q] = (signed char)held;
+		if (mpc->set[q] == FREE) {
+			dropped += held != FREE;
+		} else {
+			back += held == FREE;
+		}
 	}
+	if (dropped + back == 0) { return 0; }
+	if (back > 0 || dropped > MPC_MOST_DROPPED) { mpc->factored = 0; }
+	for (size_t q = 0, r = 0; q < V; q++) {
+		if (!in_factor(mpc->set[q])) {
+			mpc->set[q] = wanted[q];
+			continue;
+		}
+		if (mpc->factored && mpc->set[q] == FREE && wanted[q] != FREE) { drop_row(mpc, r); }
+		mpc->set[q] = (signed char)(DROPPED * wanted[q]);
+		r++;
+	}
+	return 1;
 }
 
 /* How far the gradient over the free inputs is from 0, scaled by the diagonal. */
 static real free_residual(const KOOP(mpc) *mpc, const real *gradient) {
 	real largest = 0;
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
-		if (mpc->set[q] == 0) { largest = max_of(largest, MATH(fabs)(gradient[q] * mpc->inverse[q])); }
+		if (mpc->set[q] == FREE) { largest = max_of(largest, MATH(fabs)(gradient[q] * mpc->inverse[q])); }
 	}
 	return largest;
 }
@@ -36,79 +55,119 @@ static real rise(const KOOP(mpc) *mpc) {
 	return sum;
 }
 
-/* trial = plan, with the free inputs on to where their gradient vanishes; `in_box`:
- * as far as the box lets them. */
-static void try_newton(KOOP(mpc) *mpc, int in_box) {
+/* trial = plan, with the free inputs on to where their gradient vanishes; `in_box`: as far
+ * as the box lets them. Returns whether it did. */
+static int try_newton(KOOP(mpc) *mpc, int in_box) {
 	copy(mpc->trial, mpc->plan, mpc->config.horizon * mpc->config.n_inputs);
-	newton_step(mpc, mpc->trial, mpc->gradient, in_box);
+	return newton_step(mpc, mpc->trial, mpc->gradient, in_box);
 }
 
-/* Halves the trial's step until it goes downhill. */
-#define MPC_HALVINGS 4
-
-static real shorten(KOOP(mpc) *mpc) {
+/* -step = Newton's, of those inputs only that it does not push against a bound that they
+ * are at: the others are held too, more of them each time. It leads downhill, for some way
+ * inside the box. */
+static int find_way(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	real residual = 0, length = 1;
-	for (size_t q = 0; q < V; q++) { mpc->step[q] = mpc->trial[q] - mpc->plan[q]; }
-	for (size_t h = 0; h < MPC_HALVINGS; h++, length /= 2) {
-		for (size_t q = 0; q < V; q++) { mpc->trial[q] = mpc->plan[q] + length * mpc->step[q]; }
-		clip_all(&mpc->config, mpc->trial);
-		residual = evaluate(mpc, mpc->trial, mpc->other);
-		if (rise(mpc) < 0) { break; }
-	}
-	return residual;
-}
-
-/* Newton steps while they lead downhill. The factor of an earlier solve stays while
- * two more steps with it would do: the model changes little from one to the next. */
-static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
-	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	const real tolerance = mpc->config.tolerance;
-	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && result->residual > tolerance; k++, result->iterations++) {
-		const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
-		mpc->planned = 0;
-		if (!guessed) { choose_free(mpc); }
+	do {
 		const int status = mpc->factored ? KOOP_OK : factor_free(mpc);
 		if (status != KOOP_OK) { return status; }
-		try_newton(mpc, 1);
-		real residual = evaluate(mpc, mpc->trial, mpc->other);
-		const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->other);
-		const real rho = after / before;
-		int downhill = rise(mpc) < 0 || residual < result->residual;
-		if (!mpc->fresh && !(downhill && after * rho * rho <= tolerance)) { mpc->factored = 0; }
-		if (!downhill && (!mpc->fresh || guessed)) { continue; }
-		if (result->residual < mpc->noise && !(residual < result->residual / 2)) { break; }
-		if (!downhill) {
-			try_newton(mpc, 0);
-			residual = shorten(mpc);
-			downhill = rise(mpc) < 0;
+		try_newton(mpc, 0);
+		for (size_t q = 0; q < V; q++) { mpc->step[q] = mpc->plan[q] - mpc->trial[q]; }
+	} while (choose_free(mpc, mpc->step));
+	return KOOP_OK;
+}
+
+/* The part of the step that brings the first input to its bound, at most 1. */
+static real way_to_bound(const KOOP(mpc) *mpc) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	real length = 1;
+	for (size_t q = 0, j = 0; q < c->horizon * c->n_inputs; q++, j = next_input(j, c->n_inputs)) {
+		const real speed = MATH(fabs)(mpc->step[q]);
+		const real room = mpc->step[q] > 0 ? mpc->plan[q] - c->u_min[j] : c->u_max[j] - mpc->plan[q];
+		if (room < speed * length) { length = room / speed; }
+	}
+	return length * (1 + 4 * REAL_EPSILON); /* all the way, whatever rounding does */
+}
+
+/* trial = plan - step, cut off by the box: the whole step, or a quarter, and so on, until
+ * it goes downhill; at last only as far as to the first bound. Returns the residual. */
+#define MPC_SHORTEST ((real)0.05)
+
+OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	const real least = way_to_bound(mpc);
+	for (real length = 1;; length = length > MPC_SHORTEST ? max_of(length / 4, least) : least) {
+		for (size_t q = 0; q < V; q++) { mpc->trial[q] = mpc->plan[q] - length * mpc->step[q]; }
+		clip_all(&mpc->config, mpc->trial);
+		const real residual = evaluate(mpc, mpc->trial, mpc->other);
+		if (length <= least || rise(mpc) < 0) { return residual; }
+	}
+}
+
+/* The factor of an earlier solve stays while two more steps with it would do: the model
+ * changes little from one to the next. */
+static void review_factor(KOOP(mpc) *mpc, int downhill) {
+	const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->other);
+	const real rho = after / before;
+	if (!(downhill && after * rho * rho <= mpc->config.tolerance)) { mpc->factored = 0; }
+}
+
+/* plan = trial, or where that does not go downhill, another trial. `again`: over the same
+ * free inputs as the step before, so that what that has left is round-off. *goes_on:
+ * whether more is to be had. */
+static int take_step(KOOP(mpc) *mpc, KOOP(mpc_result) *result, real residual, int downhill, int again,
+                     int *goes_on) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	*goes_on = !again || residual < result->residual / 2;
+	if (!*goes_on && !(residual < result->residual)) { return KOOP_OK; }
+	if (!downhill) {
+		const int status = find_way(mpc);
+		if (status != KOOP_OK) { return status; }
+		residual = follow_way(mpc);
+		*goes_on = rise(mpc) < 0;
+		if (!*goes_on) { return KOOP_OK; }
+	}
+	copy(mpc->plan, mpc->trial, V);
+	copy(mpc->gradient, mpc->other, V);
+	result->residual = residual;
+	return KOOP_OK;
+}
+
+/* Whether the trial is better than the plan: costs less, or has less of a residual where
+ * only round-off is left. */
+static int leads_down(const KOOP(mpc) *mpc, real before, real residual, int again) {
+	return rise(mpc) < 0 || (residual < before && (again || residual < mpc->noise));
+}
+
+/* Newton steps while they lead downhill. */
+OUT_OF_LINE static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
+	int whole = 0; /* the last step was Newton's, and no bound has cut it short */
+	int goes_on = 1;
+	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && goes_on && result->residual > mpc->config.tolerance; k++) {
+		result->iterations++;
+		const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
+		mpc->planned = 0;
+		const int again = !guessed && !choose_free(mpc, mpc->gradient) && whole;
+		int status = mpc->factored ? KOOP_OK : factor_free(mpc);
+		if (status != KOOP_OK) { return status; }
+		whole = try_newton(mpc, 1) && mpc->fresh;
+		if (again && result->residual < mpc->noise) { /* a last correction; no need to look */
+			copy(mpc->plan, mpc->trial, mpc->config.horizon * mpc->config.n_inputs);
+			return KOOP_OK;
 		}
-		if (!downhill) { break; }
-		copy(mpc->plan, mpc->trial, V);
-		copy(mpc->gradient, mpc->other, V);
-		result->residual = residual;
+		const real residual = evaluate(mpc, mpc->trial, mpc->other);
+		const int downhill = leads_down(mpc, result->residual, residual, again);
+		whole = whole && downhill;
+		if (!mpc->fresh) { review_factor(mpc, downhill); }
+		if (!downhill && (guessed || !mpc->fresh)) { continue; }
+		status = take_step(mpc, result, residual, downhill, again, &goes_on);
+		if (status != KOOP_OK) { return status; }
 	}
 	return KOOP_OK;
 }
 
-/* Newton's and the projected gradient's in turn, the latter for longer each time. */
-static int descend(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
-	if (mpc->config.method == KOOP_MPC_GRADIENT) {
-		return descend_projected(mpc, KOOP_MPC_MAX_GRADIENT, result);
-	}
-	const real enough = max_of(mpc->config.tolerance, mpc->noise);
-	int status = descend_newton(mpc, result);
-	for (size_t most = KOOP_MPC_LEAST_GRADIENT; most <= KOOP_MPC_MAX_GRADIENT; most *= 2) {
-		if (status != KOOP_OK || result->residual <= enough) { break; }
-		status = descend_projected(mpc, most, result);
-		if (status == KOOP_OK) { status = descend_newton(mpc, result); }
-	}
-	return status;
-}
-
 /* ---- Public ------------------------------------------------------------------- */
 
-static int mpc_config_check(const KOOP(mpc_config) *c) {
+static COLD int mpc_config_check(const KOOP(mpc_config) *c) {
 	if (!c || !c->Q || !c->R || !c->u_min || !c->u_max || !c->u_safe) { return KOOP_E_NULL; }
 	const size_t n = c->n_states, m = c->n_inputs;
 	if (n < 1 || n > c->n_lifted || m < 1 || c->n_lifted > KOOP_MAX_DIM || m > KOOP_MAX_DIM - c->n_lifted) {
@@ -130,7 +189,7 @@ static int mpc_config_check(const KOOP(mpc_config) *c) {
 
 /* L L' = M for a symmetric positive semidefinite M (null: 0), by Cholesky's method
  * on the largest element of the diagonal that is left. Returns whether M is one. */
-static int root(real *L, const real *M, size_t n) {
+static COLD int root(real *L, const real *M, size_t n) {
 	real largest = 0;
 	for (size_t i = 0; i < n * n; i++) { L[i] = 0; }
 	for (size_t i = 0; M && i < n; i++) { largest = max_of(largest, M[i * n + i]); }
@@ -154,27 +213,26 @@ static int root(real *L, const real *M, size_t n) {
 	return 1;
 }
 
-static size_t mpc_reals_needed(const KOOP(mpc_config) *c) {
+static COLD size_t mpc_reals_needed(const KOOP(mpc_config) *c) {
 	const size_t rate = c->S ? KOOP_MPC_REALS_RATE(c->n_inputs, c->horizon) : 0;
 	return rate + (c->method == KOOP_MPC_NEWTON
 	                   ? KOOP_MPC_REALS_NEWTON(c->n_lifted, c->n_states, c->n_inputs, c->horizon)
 	                   : KOOP_MPC_REALS_GRADIENT(c->n_lifted, c->n_states, c->n_inputs, c->horizon));
 }
 
-int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
+COLD int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 	if (!mpc || !mpc->plan) { return KOOP_E_NULL; }
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	for (size_t q = 0; q < V; q++) {
 		mpc->plan[q] = mpc->config.u_safe[q % m];
-		mpc->set[q] = 0;
+		mpc->set[q] = FREE;
 	}
-	mpc->n_free = V;
 	mpc->factored = 0;
 	mpc->planned = 0;
 	return KOOP_OK;
 }
 
-int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage, size_t reals) {
+COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage, size_t reals) {
 	const int status = mpc_config_check(config);
 	if (status != KOOP_OK) { return status; }
 	if (!mpc || !storage) { return KOOP_E_NULL; }
@@ -186,7 +244,7 @@ int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage
 	if (!(config->tolerance > 0)) { mpc->config.tolerance = MPC_TOLERANCE; }
 	const size_t states = n * padded(H), inputs = padded(V);
 	mpc->markov = storage;
-	mpc->free_error = mpc->markov + n * (WINDOW + inputs);
+	mpc->free_error = mpc->markov + n * V;
 	mpc->state = mpc->free_error + states;
 	mpc->inverse = mpc->state + states;
 	mpc->plan = mpc->inverse + inputs;
@@ -194,8 +252,8 @@ int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage
 	mpc->trial = mpc->gradient + inputs;
 	mpc->other = mpc->trial + inputs;
 	mpc->step = mpc->other + inputs;
-	mpc->set = mpc->step + inputs;
-	mpc->u_before = mpc->set + inputs;
+	mpc->set = (signed char *)(mpc->step + inputs);
+	mpc->u_before = mpc->step + inputs + inputs / 4;
 	mpc->roots = mpc->u_before + m;
 	mpc->work = mpc->roots + 2 * m * m + n * n;
 	mpc->way = mpc->trial;
@@ -221,13 +279,11 @@ int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage
  * stands for two. */
 static void shift_plan(KOOP(mpc) *mpc) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
-	mpc->n_free = 0;
 	for (size_t q = V; q-- > 0;) {
 		const size_t from = q < m ? q : q - m;
 		mpc->plan[q] = mpc->plan[from];
 		if (mpc->set[q] != mpc->set[from]) { mpc->factored = 0; }
 		mpc->set[q] = mpc->set[from];
-		mpc->n_free += mpc->set[q] == 0;
 	}
 }
 
@@ -239,7 +295,7 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	mpc->fresh = 0;
 	shift_plan(mpc);
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
-	status = descend(mpc, result);
+	status = c->method == KOOP_MPC_GRADIENT ? descend_projected(mpc, result) : descend_newton(mpc, result);
 	if (status != KOOP_OK) { return status; }
 	return is_finite(result->residual) && all_finite(mpc->plan, c->horizon * c->n_inputs) ? KOOP_OK
 	                                                                                      : KOOP_E_OVERFLOW;
@@ -266,17 +322,19 @@ int KOOP(mpc_solve)(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 	return status;
 }
 
-int KOOP(mpc_plan)(const KOOP(mpc) *mpc, real *plan) {
+COLD int KOOP(mpc_plan)(const KOOP(mpc) *mpc, real *plan) {
 	if (!mpc || !mpc->plan || !plan) { return KOOP_E_NULL; }
 	const size_t m = mpc->config.n_inputs, H = mpc->config.horizon;
 	for (size_t k = 0; k < H; k++) { copy(plan + k * m, mpc->plan + (H - 1 - k) * m, m); }
 	return KOOP_OK;
 }
 
-int KOOP(mpc_sensitivity)(const KOOP(mpc) *mpc, size_t step, real *G) {
+COLD int KOOP(mpc_sensitivity)(const KOOP(mpc) *mpc, size_t step, real *G) {
 	if (!mpc || !mpc->plan || !G) { return KOOP_E_NULL; }
 	const size_t n = mpc->config.n_states, m = mpc->config.n_inputs;
 	if (step >= mpc->config.horizon) { return KOOP_E_SIZE; }
-	for (size_t i = 0; i < n; i++) { copy(G + i * m, markov_row(mpc, i) + step * m, m); }
+	for (size_t i = 0; i < n; i++) {
+		for (size_t j = 0; j < m; j++) { G[i * m + j] = markov_row(mpc, i, j)[step]; }
+	}
 	return KOOP_OK;
 }

@@ -10,7 +10,20 @@
  * So the leading blocks in which every input is free cost O(V) each, not O(V^2);
  * reversed time makes them the end of the horizon, where bounds seldom act.
  * The rest of the Schur complement comes from its generator by the same
- * recursion along diagonals, and is factored as any matrix is. */
+ * recursion along diagonals, and is factored as any matrix is.
+ *
+ * An input that a bound comes to hold is taken out of the factor by rotations of the
+ * rows below its own. */
+
+/* Which bound holds an input (mpc->set). DROPPED on top: its row and column are still in
+ * the factor, but do nothing. */
+#define FREE 0
+#define HELD 1    /* by its upper bound; by its lower: -HELD */
+#define DROPPED 2 /* likewise */
+
+static int in_factor(int set) {
+	return set % 2 == 0;
+}
 
 static size_t generator_rows(const KOOP(mpc_config) *c) {
 	return c->n_states + (c->S ? 2 : 1) * c->n_inputs;
@@ -33,10 +46,12 @@ OUT_OF_LINE static void generate(KOOP(mpc) *mpc) {
 			if (V > m) { generator_row(mpc, m + n + e)[m + j] = -root_s[j * m + e]; }
 		}
 	}
-	for (size_t i = 0; i < n; i++) {
-		for (size_t k = 0; k < n; k++) {
-			const real root = root_q[k * n + i];
-			if (root != 0) { add_scaled(generator_row(mpc, m + i), root, markov_row(mpc, k), V); }
+	for (size_t i = 0; i < n * n; i++) {
+		const real root = root_q[i];
+		for (size_t j = 0; root != 0 && j < m; j++) {
+			const real *from = markov_row(mpc, i / n, j);
+			real *to = generator_row(mpc, m + i % n) + j;
+			for (size_t a = 0; a < c->horizon; a++) { to[a * m] += root * from[a]; }
 		}
 	}
 }
@@ -44,22 +59,25 @@ OUT_OF_LINE static void generate(KOOP(mpc) *mpc) {
 #define MIX_BEGIN(lane) real s##lane = 0;
 #define MIX_ADD(lane) s##lane += a * from[lane];
 #define MIX_SCALE(lane) s##lane *= scale;
-#define MIX_STORE(lane) first[lane] += a * s##lane;
+#define MIX_STORE(lane) from[lane] += a * s##lane;
 
-/* Eight columns of n rows += scale normal normal' times them */
-OUT_OF_LINE static void mix_rows(real *first, const real *normal, real scale, size_t n, ptrdiff_t stride) {
-	LANES_8(MIX_BEGIN)
-	const real *from = first;
-	for (size_t i = 0; i < n; i++) {
-		const real a = normal[i];
-		LANES_8(MIX_ADD)
-		from += stride;
-	}
-	LANES_8(MIX_SCALE)
-	for (size_t i = 0; i < n; i++) {
-		const real a = normal[i];
-		LANES_8(MIX_STORE)
-		first += stride;
+/* Some columns, rounded up to eight, of n rows += scale normal normal' times them */
+OUT_OF_LINE static void mix_rows(real *first, const real *normal, real scale, size_t n, ptrdiff_t stride,
+                                 size_t columns) {
+	for (const real *end = first + columns; first < end; first += WINDOW) {
+		real *from = first;
+		const real *const last = normal + n;
+		LANES_8(MIX_BEGIN)
+		for (const real *x = normal; x < last; from += stride) {
+			const real a = *x++;
+			LANES_8(MIX_ADD)
+		}
+		LANES_8(MIX_SCALE)
+		from = first;
+		for (const real *x = normal; x < last; from += stride) {
+			const real a = *x++;
+			LANES_8(MIX_STORE)
+		}
 	}
 }
 
@@ -67,7 +85,6 @@ OUT_OF_LINE static void mix_rows(real *first, const real *normal, real scale, si
  * something: a Householder reflection, over all columns from q on. */
 static void reflect(KOOP(mpc) *mpc, size_t j, size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs, count = generator_rows(&mpc->config);
-	const ptrdiff_t stride = (ptrdiff_t)padded(V);
 	real *top = generator_row(mpc, j), *normal = mpc->work;
 	real below = 0;
 	for (size_t i = j + 1; i < count; i++) {
@@ -79,26 +96,26 @@ static void reflect(KOOP(mpc) *mpc, size_t j, size_t q) {
 	const real norm = MATH(sqrt)(x * x + below);
 	normal[j] = x > 0 ? -below / (x + norm) : x - norm;
 	const real scale = -2 / (normal[j] * normal[j] + below);
-	for (size_t c = q; c < V; c += WINDOW) { mix_rows(top + c, normal + j, scale, count - j, stride); }
+	mix_rows(top + q, normal + j, scale, count - j, (ptrdiff_t)padded(V), V - q);
 }
 
-/* Row k begins at its own diagonal, which is kept inverted; from this offset on it can be indexed by column.
- */
-static size_t packed_offset(size_t k, size_t size) {
-	return k * size - k * (k + 1) / 2;
+/* Row k of a packed triangle begins at its own diagonal, which is kept inverted; from this
+ * on it can be indexed by column. */
+static real *factor_row(const KOOP(mpc) *mpc, size_t k) {
+	return mpc->factor + (k * mpc->n_free - k * (k + 1) / 2);
 }
 
 /* Row r of the factor = those of full[0..] that belong to free inputs from q on. */
 static void pack_row(KOOP(mpc) *mpc, size_t r, const real *full, size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	real *row = mpc->factor + packed_offset(r, mpc->n_free);
+	real *row = factor_row(mpc, r) + r;
 	if (mpc->n_free == V) {
-		copy(row + r, full, V - q);
+		copy(row, full, V - q);
 		return;
 	}
-	for (size_t e = r; q < V; q++) {
-		row[e] = *full++; /* one too far at the end, where the next row comes */
-		e += mpc->set[q] == 0;
+	for (const signed char *set = mpc->set + q, *end = mpc->set + V; set < end;) {
+		const real element = *full++;
+		if (*set++ == FREE) { *row++ = element; }
 	}
 }
 
@@ -106,13 +123,13 @@ static void pack_row(KOOP(mpc) *mpc, size_t r, const real *full, size_t q) {
 OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	*lead = 0;
-	while (*lead < V && mpc->set[*lead] == 0) { ++*lead; }
+	while (*lead < V && mpc->set[*lead] == FREE) { ++*lead; }
 	*lead -= *lead % m;
 	for (size_t q = 0; q < *lead; q += m) {
 		for (size_t j = 0; j < m; j++) {
 			reflect(mpc, j, q + j);
 			pack_row(mpc, q + j, generator_row(mpc, j) + q + j, q + j);
-			real *diagonal = mpc->factor + packed_offset(q + j, mpc->n_free) + q + j;
+			real *diagonal = factor_row(mpc, q + j) + q + j;
 			if (*diagonal == 0) { return KOOP_E_INDEFINITE; }
 			*diagonal = 1 / *diagonal;
 		}
@@ -134,109 +151,219 @@ OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 #define SQUARE_ADD(i, lane) s##i##lane += a##i * there[lane];
 #define SQUARE_END(i, lane) sum[i * GROUP + lane] = s##i##lane;
 
+#define GROUP_OF_ROWS(type)                                                                                  \
+	type *row0 = factor_row(mpc, r), *row1 = row0 + (mpc->n_free - r - 1);                                   \
+	type *row2 = row1 + (mpc->n_free - r - 2), *row3 = row2 + (mpc->n_free - r - 3);
+
 /* sum = what rows from..r-1 take from rows r..r+3 in columns e..e+3 */
-OUT_OF_LINE static void square_above(const real *factor, size_t size, size_t from, size_t r, size_t e,
+OUT_OF_LINE static void square_above(const KOOP(mpc) *mpc, size_t from, size_t r, size_t e,
                                      real *restrict sum) {
+	const size_t size = mpc->n_free;
 	SQUARE(SQUARE_BEGIN)
-	const real *above = factor + packed_offset(from, size) + r;
+	const real *above = factor_row(mpc, from) + r, *there = above + (e - r);
 	for (size_t step = size - 1 - from; step > size - 1 - r; step--) {
 		const real a0 = above[0], a1 = above[1], a2 = above[2], a3 = above[3];
-		const real *there = above + (e - r);
 		SQUARE(SQUARE_ADD)
 		above += step;
+		there += step;
 	}
 	SQUARE(SQUARE_END)
 }
 
-/* Rows r..r+count-1 hold the Schur complement of the rows before `from`; they become those of the factor. */
-OUT_OF_LINE static int factor_group(const KOOP(mpc) *mpc, size_t from, size_t r, size_t count) {
-	real *factor = mpc->factor, *sum = mpc->square, *before = sum + GROUP * GROUP;
-	const size_t size = mpc->n_free;
-	for (size_t i = 0; i < count; i++) { before[i] = factor[packed_offset(r + i, size) + r + i]; }
-	for (size_t e = r; e < size; e += GROUP) {
-		const size_t end = e + GROUP < size ? e + GROUP : size;
-		square_above(factor, size, from, r, e,
-		             sum); /* some lanes are not used, on the diagonal and at the end */
-		for (size_t i = 0; i < count; i++) {
-			real *row = factor + packed_offset(r + i, size);
-			for (size_t k = e > r + i ? e : r + i; k < end; k++) { row[k] -= sum[i * GROUP + k - e]; }
-		}
+/* Four columns of a group of rows, less what the rows above take: x = U'^-1 (x - sum),
+ * where U is the group's triangle on the diagonal. */
+OUT_OF_LINE static void finish_square(const KOOP(mpc) *mpc, size_t r, size_t e, const real *sum) {
+	GROUP_OF_ROWS(real)
+	const real u00 = row0[r], u01 = row0[r + 1], u02 = row0[r + 2], u03 = row0[r + 3];
+	const real u11 = row1[r + 1], u12 = row1[r + 2], u13 = row1[r + 3];
+	const real u22 = row2[r + 2], u23 = row2[r + 3], u33 = row3[r + 3];
+	for (const real *end = sum + GROUP; sum < end; sum++, e++) {
+		const real x0 = (row0[e] - sum[0]) * u00;
+		const real x1 = (row1[e] - sum[GROUP] - u01 * x0) * u11;
+		const real x2 = (row2[e] - sum[2 * GROUP] - u02 * x0 - u12 * x1) * u22;
+		row3[e] = (row3[e] - sum[3 * GROUP] - u03 * x0 - u13 * x1 - u23 * x2) * u33;
+		row0[e] = x0;
+		row1[e] = x1;
+		row2[e] = x2;
 	}
+}
+
+/* Rows r..r+count-1 hold the Schur complement of the rows before `from`; they become those
+ * of the factor. Only the first group has less than four rows, so that the others end with
+ * a whole square. */
+OUT_OF_LINE static int factor_group(const KOOP(mpc) *mpc, size_t from, size_t r, size_t count) {
+	real *sum = mpc->square, *before = sum + GROUP * GROUP;
+	const size_t size = mpc->n_free, end = r == from ? size : r + GROUP;
+	for (size_t i = 0; i < count; i++) { before[i] = factor_row(mpc, r + i)[r + i]; }
+	if (r > from) { square_above(mpc, from, r, r, sum); }
 	for (size_t i = 0; i < count; i++) {
-		real *row = factor + packed_offset(r + i, size);
-		for (size_t k = r; k < r + i; k++) {
-			const real *above = factor + packed_offset(k, size);
-			add_scaled(row + r + i, -above[r + i], above + r + i, size - r - i);
+		real *row = factor_row(mpc, r + i) + r;
+		for (size_t k = i; r > from && k < count; k++) { row[k] -= sum[i * GROUP + k]; }
+		for (size_t k = 0; k < i; k++) {
+			const real *above = factor_row(mpc, r + k) + r;
+			add_scaled(row + i, -above[i], above + i, end - r - i);
 		}
-		if (!(row[r + i] > REAL_EPSILON * before[i])) { return KOOP_E_INDEFINITE; }
-		const real inverse = 1 / MATH(sqrt)(row[r + i]);
-		row[r + i] = inverse;
-		for (size_t k = r + i + 1; k < size; k++) { row[k] *= inverse; }
+		if (!(row[i] > REAL_EPSILON * before[i])) { return KOOP_E_INDEFINITE; }
+		row[i] = 1 / MATH(sqrt)(row[i]);
+		for (size_t k = i + 1; k < end - r; k++) { row[k] *= row[i]; }
+	}
+	for (size_t e = end; e < size; e += GROUP) {
+		square_above(mpc, from, r, e, sum);
+		finish_square(mpc, r, e, sum);
 	}
 	return KOOP_OK;
 }
 
-/* The row of the Schur complement that belongs to this input, from its block on; to be
- * called for one input after the other. */
-OUT_OF_LINE static const real *schur_row(KOOP(mpc) *mpc, size_t self) {
-	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, count = generator_rows(&mpc->config);
-	const size_t block = self / m * m;
-	real *sum = mpc->work + self % m * padded(V), *column = mpc->work + m * padded(V);
-	for (size_t i = 0; i < count; i++) { column[i] = generator_row(mpc, i)[self]; }
-	for (size_t q = 0; q < V - block; q += WINDOW) {
-		add_windows(sum + q, column, 1, count, mpc->generator + block + q, (ptrdiff_t)padded(V));
+#define PAIR_BEGIN(lane) real s##lane = y[lane], t##lane = z[lane];
+#define PAIR_ADD_Y(lane) s##lane += a * there[lane];
+#define PAIR_ADD_Z(lane) t##lane += b * there[lane];
+#define PAIR_END_Y(lane) y[lane] = s##lane;
+#define PAIR_END_Z(lane) z[lane] = t##lane;
+
+/* The recursion along diagonals: y and z, what the Schur complement has from column q of
+ * the block before on in two rows, become rows `self` and `other` of this block, whose
+ * first column is q. */
+OUT_OF_LINE static void add_generated(const KOOP(mpc) *mpc, real *y, real *z, size_t self, size_t other,
+                                      size_t q) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs, stride = padded(V);
+	const real *from = mpc->generator, *end = from + generator_rows(&mpc->config) * stride;
+	while (from[self] == 0 && from[other] == 0 && from + stride < end) { from += stride; }
+	for (; q < V; q += WINDOW, y += WINDOW, z += WINDOW) {
+		LANES_8(PAIR_BEGIN)
+		for (const real *row = from; row < end; row += stride) {
+			const real a = row[self], b = row[other], *there = row + q;
+			LANES_8(PAIR_ADD_Y)
+			LANES_8(PAIR_ADD_Z)
+		}
+		LANES_8(PAIR_END_Y)
+		LANES_8(PAIR_END_Z)
 	}
-	return sum + self % m;
 }
 
 OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
-	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
+	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, length = padded(V);
 	size_t lead, count = 0;
+	mpc->n_free = 0;
+	for (size_t q = 0; q < V; q++) {
+		if (in_factor(mpc->set[q])) { mpc->set[q] /= DROPPED; }
+		mpc->n_free += mpc->set[q] == FREE;
+	}
 	generate(mpc);
 	int status = factor_leading(mpc, &lead);
-	for (size_t q = 0; q < m * padded(V); q++) { mpc->work[q] = 0; }
-	for (size_t self = lead, r = lead; r < mpc->n_free && status == KOOP_OK; self++) {
-		const real *row = schur_row(mpc, self);
-		if (mpc->set[self] != 0) { continue; }
-		pack_row(mpc, r + count, row, self);
-		count++;
-		if (count == GROUP || r + count == mpc->n_free) {
-			status = factor_group(mpc, lead, r, count);
-			r += count;
-			count = 0;
+	real *rows = mpc->work; /* one block of the Schur complement, from its first column on */
+	for (size_t q = 0; q < m * length; q++) { rows[q] = 0; }
+	for (size_t q = lead, r = lead; r < mpc->n_free && status == KOOP_OK; q += m) {
+		for (size_t j = 0; j < m; j += 2) {
+			const size_t k = j + 1 < m ? j + 1 : j;
+			add_generated(mpc, rows + j * length, rows + k * length, q + j, q + k, q);
+		}
+		for (size_t j = 0; j < m && status == KOOP_OK; j++) {
+			if (mpc->set[q + j] != FREE) { continue; }
+			pack_row(mpc, r + count, rows + j * length + j, q + j);
+			count++;
+			if ((mpc->n_free - r - count) % GROUP == 0) {
+				status = factor_group(mpc, lead, r, count);
+				r += count;
+				count = 0;
+			}
 		}
 	}
 	mpc->factored = mpc->fresh = status == KOOP_OK;
 	return status;
 }
 
-/* v over the free inputs to where the gradient vanishes. Back substitution runs
- * forwards in time: with `in_box`, an input that meets its bound stays there and
- * the later ones make the best of it. */
-static void newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box) {
+/* Takes row and column p out of what the factor stands for. */
+OUT_OF_LINE static void drop_row(const KOOP(mpc) *mpc, size_t p) {
+	real *out = factor_row(mpc, p);
+	for (size_t r = p + 1; r < mpc->n_free; r++) {
+		real *row = factor_row(mpc, r);
+		const real tangent = out[r] * row[r], cosine = 1 / MATH(sqrt)(1 + tangent * tangent);
+		const real sine = tangent * cosine;
+		row[r] *= cosine;
+		real *x = row + r + 1, *y = out + r + 1;
+		for (const real *end = row + mpc->n_free; x < end; x++, y++) {
+			const real before = *x;
+			*x = cosine * before + sine * *y;
+			*y = cosine * *y - sine * before;
+		}
+	}
+	out[p] = 0; /* and with it the step of this input */
+}
+
+#define ROWS_TAKE(lane)                                                                                      \
+	step[e + lane] -=                                                                                        \
+	    (x0 * row0[e + lane] + x1 * row1[e + lane]) + (x2 * row2[e + lane] + x3 * row3[e + lane]);
+
+/* step[r + 4..] -= what rows r..r+3 give with step[r..r + 3] */
+OUT_OF_LINE static void take_rows(const KOOP(mpc) *mpc, size_t r, real *restrict step) {
+	GROUP_OF_ROWS(const real)
+	const real x0 = step[r], x1 = step[r + 1], x2 = step[r + 2], x3 = step[r + 3];
+	for (size_t e = r + GROUP; e < mpc->n_free; e += 4) { LANES_4(ROWS_TAKE) }
+}
+
+/* step[r..r + 3] -= what rows r..r+3 give with step[r + 4..] */
+OUT_OF_LINE static void take_columns(const KOOP(mpc) *mpc, size_t r, real *step) {
+	GROUP_OF_ROWS(const real)
+	real s0 = 0, s1 = 0, s2 = 0, s3 = 0;
+	for (size_t e = r + GROUP; e < mpc->n_free; e++) {
+		const real x = step[e];
+		s0 += row0[e] * x;
+		s1 += row1[e] * x;
+		s2 += row2[e] * x;
+		s3 += row3[e] * x;
+	}
+	step[r] -= s0;
+	step[r + 1] -= s1;
+	step[r + 2] -= s2;
+	step[r + 3] -= s3;
+}
+
+/* step = U'^-1 step */
+static void substitute_forwards(const KOOP(mpc) *mpc, real *step) {
+	const size_t size = mpc->n_free;
+	for (size_t r = 0, next; r < size; r = next) {
+		next = r + (size - r - 1) % GROUP + 1;
+		const size_t end = next - r == GROUP ? next : size;
+		for (size_t i = r; i < next; i++) {
+			const real *row = factor_row(mpc, i), x = step[i] * row[i];
+			step[i] = x;
+			for (size_t k = i + 1; k < end; k++) { step[k] -= x * row[k]; }
+		}
+		if (end == next) { take_rows(mpc, r, step); }
+	}
+}
+
+/* v over the free inputs to where the gradient vanishes. Back substitution runs forwards in
+ * time: with `in_box`, an input that meets its bound stays there and the later ones make
+ * the best of it. Returns whether none did. */
+static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, V = c->horizon * m, size = mpc->n_free;
 	real *step = mpc->work; /* the rows of the Hessian are done with */
+	int inside = 1;
 	for (size_t q = 0, r = 0; q < V; q++) {
-		if (mpc->set[q] == 0) { step[r++] = -gradient[q]; }
+		if (in_factor(mpc->set[q])) { step[r++] = -gradient[q]; }
 	}
-	for (size_t r = 0; r < size; r++) {
-		const real *row = mpc->factor + packed_offset(r, size);
-		step[r] *= row[r];
-		add_scaled(step + r + 1, -step[r], row + r + 1, size - r - 1);
-	}
-	for (size_t q = V, r = size, j = 0; q-- > 0;) {
+	substitute_forwards(mpc, step);
+	for (size_t q = V, r = size, j = 0, end = 0; q-- > 0;) {
 		j = j > 0 ? j - 1 : m - 1;
-		if (mpc->set[q] != 0) { continue; }
+		if (!in_factor(mpc->set[q])) { continue; }
 		r--;
-		const real *row = mpc->factor + packed_offset(r, size);
-		step[r] = (step[r] - dot(row + r + 1, step + r + 1, size - r - 1)) * row[r];
-		const real to = v[q] + step[r], inside = clip(to, c->u_min[j], c->u_max[j]);
-		if (in_box && inside != to) {
-			step[r] = inside - v[q];
-			v[q] = inside;
-		} else {
-			v[q] = to;
+		if ((size - r - 1) % GROUP == 0) { /* the last row of a group */
+			const int whole = r + 1 >= GROUP;
+			if (whole) { take_columns(mpc, r + 1 - GROUP, step); }
+			end = whole ? r + 1 : size;
+		}
+		const real *row = factor_row(mpc, r);
+		for (size_t k = r + 1; k < end; k++) { step[r] -= row[k] * step[k]; }
+		step[r] *= row[r];
+		const real from = v[q];
+		v[q] += step[r];
+		if (in_box && (v[q] < c->u_min[j] || v[q] > c->u_max[j])) {
+			v[q] = clip(v[q], c->u_min[j], c->u_max[j]);
+			step[r] = v[q] - from;
+			inside = 0;
 		}
 	}
+	return inside;
 }

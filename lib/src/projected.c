@@ -86,15 +86,15 @@ static real bend(KOOP(mpc) *mpc) {
 	return curvature;
 }
 
-/* At most `most` products with the Hessian and as many steps. */
 #define MPC_REFRESH 100 /* steps until the gradient is evaluated again, not updated */
 
-static int descend_projected(KOOP(mpc) *mpc, size_t most, KOOP(mpc_result) *result) {
+OUT_OF_LINE static int descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	const real tolerance = mpc->config.tolerance;
 	real best = REAL_MAX;
 	int goes_on = 0;
-	for (size_t k = 1; k <= most && result->residual > tolerance; k++, result->iterations++) {
+	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > tolerance;
+	     k++, result->iterations++) {
 		const int leaving = !goes_on && begin_way(mpc);
 		const real curvature = bend(mpc), wanted = -dot(mpc->way, mpc->gradient, V) / curvature;
 		const real room = room_along(mpc), length = wanted < room ? wanted : room;

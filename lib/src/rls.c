@@ -1,13 +1,13 @@
 /* Recursive least squares on lifted snapshots. Paper, eq. (4). */
 
-static int config_check(const KOOP(config) *c) {
+static COLD int config_check(const KOOP(config) *c) {
 	if (!c || !c->regulator || !c->regulator->decide || !c->form) { return KOOP_E_NULL; }
 	const int status = dictionary_check(c->dictionary);
 	if (status != KOOP_OK) { return status; }
 	if (c->n_inputs < 1 || c->n_inputs > KOOP_MAX_DIM - c->dictionary->n_lifted) { return KOOP_E_SIZE; }
 	/* written so that NaN fails */
 	if (!(c->lambda > 0 && c->lambda <= 1)) { return KOOP_E_RANGE; }
-	if (!(c->p0 > 0 && c->p0 < REAL_MAX / 2)) { return KOOP_E_RANGE; }
+	if (!(c->p0 >= REAL_MIN && c->p0 < REAL_MAX / 2)) { return KOOP_E_RANGE; }
 	if (!(c->delta >= 0 && is_finite(c->delta))) { return KOOP_E_RANGE; }
 	if (!(c->tau0 >= 0 && c->tau0 < REAL_MAX / 8)) { return KOOP_E_RANGE; }
 	if (!(c->eps_sift >= 0 && is_finite(c->eps_sift))) { return KOOP_E_RANGE; }
@@ -15,59 +15,54 @@ static int config_check(const KOOP(config) *c) {
 	return KOOP_OK;
 }
 
-static void set_sizes(KOOP(rls) *rls, const KOOP(config) *c) {
+/* Takes over the configuration; what it needs of storage. */
+static COLD size_t configure(KOOP(rls) *rls, const KOOP(config) *c) {
 	rls->config = *c;
 	rls->n_lifted = c->dictionary->n_lifted;
 	rls->n_regressors = rls->n_lifted + c->n_inputs;
 	rls->n_lifted_padded = KOOP_PAD(rls->n_lifted);
 	rls->n_regressors_padded = KOOP_PAD(rls->n_regressors);
+	return KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, c->form->reals(rls));
 }
 
-static size_t reals_needed(const KOOP(rls) *rls) {
-	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	return d * (rls->n_lifted_padded + rls->config.form->squares(rls) * rows) + rls->n_lifted_padded +
-	       5u * rows;
-}
-
-int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
+COLD int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
 	KOOP(rls) rls;
 	const int status = config_check(config);
 	if (status != KOOP_OK) { return status; }
 	if (!reals) { return KOOP_E_NULL; }
-	set_sizes(&rls, config);
-	*reals = reals_needed(&rls);
+	*reals = configure(&rls, config);
 	return KOOP_OK;
 }
 
-int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
+COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
 	size_t needed;
 	const int status = KOOP(rls_reals)(config, &needed);
 	if (status != KOOP_OK) { return status; }
 	if (!rls || !storage) { return KOOP_E_NULL; }
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	set_sizes(rls, config);
-	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	if (!(rls->config.tau0 > 0)) { rls->config.tau0 = rls->config.p0 * (real)d; }
+	configure(rls, config);
+	const size_t rows = rls->n_regressors_padded;
+	if (!(rls->config.tau0 > 0)) { rls->config.tau0 = rls->config.p0 * (real)rls->n_regressors; }
 	if (!(rls->config.eps_sift > 0)) { rls->config.eps_sift = (real)1e-10; }
 	if (!(rls->config.tau0 < REAL_MAX / 8)) { return KOOP_E_RANGE; }
 
 	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
 	rls->theta = storage;
-	rls->covariance = rls->theta + d * rls->n_lifted_padded;
-	rls->zeta = rls->covariance + config->form->squares(rls) * d * rows;
+	rls->zeta = rls->theta + KOOP_EVEN(rls->n_regressors) * rls->n_lifted_padded;
 	rls->gain = rls->zeta + rows;
 	rls->work = rls->gain + rows;
 	rls->error = rls->work + 3 * rows;
+	rls->covariance = rls->error + rls->n_lifted_padded;
 	rls->theta_bound = 0;
 	config->form->reset(rls, config->p0);
 	rls->positive_definite = 1;
 	return KOOP_OK;
 }
 
-int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
+COLD int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
 	if (!rls || !rls->covariance) { return KOOP_E_NULL; }
-	if (!(p0 > 0 && p0 < REAL_MAX / 2)) { return KOOP_E_RANGE; }
+	if (!(p0 >= REAL_MIN && p0 < REAL_MAX / 2)) { return KOOP_E_RANGE; }
 	rls->config.form->reset(rls, p0);
 	rls->positive_definite = 1;
 	return KOOP_OK;
@@ -78,7 +73,7 @@ static void load_regressor(KOOP(rls) *rls, const real *psi, const real *u) {
 	copy(rls->zeta + rls->n_lifted, u, rls->config.n_inputs);
 }
 
-int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real *psi_next) {
+GLUE int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real *psi_next) {
 	if (!rls || !rls->theta || !psi || !u || !psi_next) { return KOOP_E_NULL; }
 	if (!all_finite(psi, rls->n_lifted) || !all_finite(u, rls->config.n_inputs)) { return KOOP_E_INPUT; }
 	load_regressor(rls, psi, u);
@@ -89,12 +84,14 @@ int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real *psi_
 }
 
 /* The gain K in rls->gain, the denominator in *denominator. */
-static int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denominator) {
+static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denominator) {
 	const size_t rows = rls->n_regressors_padded;
 	real s = rls->config.form->gain(rls);
 	if (step->inflate > 0) {
 		const real square = dot(rls->zeta, rls->zeta, rows);
-		add_scaled(rls->gain, step->inflate * square, rls->zeta, rows);
+		for (size_t i = 0; i < rows; i += 4) {
+			add_four(rls->gain + i, step->inflate * square, rls->zeta + i);
+		}
 		s += step->inflate * square * square;
 	}
 	*denominator = step->noise + s;
@@ -102,13 +99,12 @@ static int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denominato
 	if (!(*denominator > 0) && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }
 
 	const real inverse = 1 / *denominator;
-	scaled(rls->gain, inverse, rls->gain, rows);
-	rls->gain_square = dot(rls->gain, rls->gain, rows);
+	rls->gain_square = scaled_dot(rls->gain, inverse, rls->gain, rows);
 	return KOOP_OK;
 }
 
 /* Whether Theta + error K' is finite, and the new bound of its elements. */
-static int theta_stays_finite(const KOOP(rls) *rls, real innovation, real *bound) {
+static GLUE int theta_stays_finite(const KOOP(rls) *rls, real innovation, real *bound) {
 	const real growth = innovation * MATH(sqrt)(rls->gain_square);
 	*bound = rls->theta_bound + growth;
 	if (!(*bound < REAL_MAX / 2)) {
@@ -117,8 +113,8 @@ static int theta_stays_finite(const KOOP(rls) *rls, real innovation, real *bound
 	return *bound < REAL_MAX / 2;
 }
 
-static int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
-                      KOOP(health) *health) {
+static GLUE int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
+                           KOOP(health) *health) {
 	const size_t N = rls->n_lifted, d = rls->n_regressors, columns = rls->n_lifted_padded;
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 1, 1};
@@ -127,10 +123,8 @@ static int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real
 
 	load_regressor(rls, psi, u);
 	weighted_rows(error, rls->theta, rls->zeta, d, columns);
-	subtract_from(error, psi_next, N);
-
 	/* NaN and Inf reach the norm from wherever they come */
-	health->innovation = MATH(sqrt)(dot(error, error, columns));
+	health->innovation = MATH(sqrt)(subtract_from(error, psi_next, N));
 	if (!is_finite(health->innovation)) {
 		const int finite = all_finite(rls->zeta, d) && all_finite(psi_next, N);
 		return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
@@ -150,13 +144,25 @@ static int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real
 	}
 
 	/* nothing can fail from here on */
-	add_outer(rls->theta, rls->gain, error, d, columns);
+	add_outer(rls->theta, 1, rls->gain, error, d, columns);
 	rls->theta_bound = bound;
 	return KOOP_OK;
 }
 
-int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
-                     KOOP(health) *health) {
+/* Trace and smallest diagonal element of P. */
+static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
+	real trace = 0, least = REAL_MAX;
+	rls->config.form->diagonal(rls, rls->work);
+	for (size_t i = 0; i < rls->n_regressors; i++) {
+		trace += rls->work[i];
+		least = rls->work[i] < least ? rls->work[i] : least;
+	}
+	health->trace = trace;
+	health->min_diagonal = least;
+}
+
+GLUE int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
+                          KOOP(health) *health) {
 	KOOP(health) seen = {0, 0, 0, 0, 1, 1};
 	if (!rls || !rls->theta || !psi || !u || !psi_next) { return KOOP_E_NULL; }
 
@@ -164,18 +170,13 @@ int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real 
 	if (health) {
 		seen.finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
 		seen.positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
-		seen.min_diagonal = rls->config.form->element(rls, 0, 0);
-		for (size_t i = 0; i < rls->n_regressors; i++) {
-			const real diagonal = rls->config.form->element(rls, i, i);
-			seen.trace += diagonal;
-			if (diagonal < seen.min_diagonal) { seen.min_diagonal = diagonal; }
-		}
+		see_diagonal(rls, &seen);
 		*health = seen;
 	}
 	return status;
 }
 
-int KOOP(rls_get_theta)(const KOOP(rls) *rls, real *theta) {
+COLD int KOOP(rls_get_theta)(const KOOP(rls) *rls, real *theta) {
 	if (!rls || !rls->theta || !theta) { return KOOP_E_NULL; }
 	for (size_t i = 0; i < rls->n_lifted; i++) {
 		for (size_t j = 0; j < rls->n_regressors; j++) {
@@ -185,7 +186,7 @@ int KOOP(rls_get_theta)(const KOOP(rls) *rls, real *theta) {
 	return KOOP_OK;
 }
 
-int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
+COLD int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 	if (!rls || !rls->theta || !theta) { return KOOP_E_NULL; }
 	const size_t N = rls->n_lifted, d = rls->n_regressors;
 	if (!all_finite(theta, N * d)) { return KOOP_E_INPUT; }
@@ -196,7 +197,7 @@ int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 	return KOOP_OK;
 }
 
-int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
+COLD int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
 	if (!rls || !rls->theta || !theta) { return KOOP_E_NULL; }
 	const size_t size = rls->n_regressors * rls->n_lifted_padded;
 	if (!all_finite(theta, size)) { return KOOP_E_INPUT; }
@@ -205,7 +206,7 @@ int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
 	return KOOP_OK;
 }
 
-int KOOP(rls_get_covariance)(const KOOP(rls) *rls, real *covariance) {
+COLD int KOOP(rls_get_covariance)(const KOOP(rls) *rls, real *covariance) {
 	if (!rls || !rls->covariance || !covariance) { return KOOP_E_NULL; }
 	int finite = 1;
 	for (size_t i = 0; i < rls->n_regressors; i++) {

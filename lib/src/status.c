@@ -1,17 +1,21 @@
-/* One message for each status. */
+/* One message for each status, in the order of their numbers, from 0 down. */
 
-const char *KOOP(status_message)(int status) {
-	switch (status) {
-	case KOOP_OK: return "ok";
-	case KOOP_E_NULL: return "a pointer that must be given is null";
-	case KOOP_E_SIZE: return "a dimension is zero or too large, or sizes do not agree";
-	case KOOP_E_STORAGE: return "the storage handed over is too small";
-	case KOOP_E_RANGE: return "a setting is outside its range";
-	case KOOP_E_INPUT: return "an input is NaN or infinite";
-	case KOOP_E_OVERFLOW: return "the result would not be finite in this precision";
-	case KOOP_E_INDEFINITE:
-		return "the covariance, or the controller's Hessian, would not be positive definite";
-	case KOOP_E_MODEL: return "the stored model is damaged or is of another kind";
-	default: return "unknown status";
+COLD const char *KOOP(status_message)(int status) {
+	/* in one piece: an array of pointers is longer, and is kept where no message is asked for */
+	static const char messages[] =
+	    "ok\0"
+	    "a pointer that must be given is null\0"
+	    "a dimension is zero or too large, or sizes do not agree\0"
+	    "the storage handed over is too small\0"
+	    "a setting is outside its range\0"
+	    "an input is NaN or infinite\0"
+	    "the result would not be finite in this precision\0"
+	    "the covariance, or the controller's Hessian, would not be positive definite\0"
+	    "the stored model is damaged or is of another kind\0"
+	    "unknown status";
+	const char *message = messages;
+	for (int s = status > 0 || status < KOOP_E_MODEL ? KOOP_E_MODEL - 1 : status; s < 0; s++) {
+		while (*message++) {}
 	}
+	return message;
 }

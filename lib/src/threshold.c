@@ -2,7 +2,7 @@
  * Threshold Selection". */
 
 /* Lets scores[root] sink in the max-heap scores[0..count). */
-static void heap_sink(real *scores, size_t root, size_t count) {
+static COLD void heap_sink(real *scores, size_t root, size_t count) {
 	while (2 * root + 1 < count) {
 		size_t child = 2 * root + 1;
 		if (child + 1 < count && scores[child + 1] > scores[child]) { child++; }
@@ -14,7 +14,7 @@ static void heap_sink(real *scores, size_t root, size_t count) {
 	}
 }
 
-static void heap_sort(real *scores, size_t count) {
+static COLD void heap_sort(real *scores, size_t count) {
 	for (size_t i = count / 2; i-- > 0;) { heap_sink(scores, i, count); }
 	for (size_t last = count; last-- > 1;) {
 		const real t = scores[0];
@@ -24,7 +24,7 @@ static void heap_sort(real *scores, size_t count) {
 	}
 }
 
-int KOOP(threshold)(real *scores, size_t count, real eta, real *delta) {
+COLD int KOOP(threshold)(real *scores, size_t count, real eta, real *delta) {
 	if (!scores || !delta) { return KOOP_E_NULL; }
 	if (count < 1) { return KOOP_E_SIZE; }
 	if (!(eta >= 0 && eta <= 1)) { return KOOP_E_RANGE; }

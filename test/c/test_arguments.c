@@ -161,6 +161,8 @@ static void test_ranges_of_settings(void) {
 	    {P0, nan, KOOP_E_RANGE},
 	    {P0, inf, KOOP_E_RANGE},
 	    {P0, REAL_MAX, KOOP_E_RANGE},
+	    {P0, REAL_MIN / 2, KOOP_E_RANGE},
+	    {P0, REAL_MIN, KOOP_OK},
 	    {P0, (real)1e6, KOOP_OK},
 	    {DELTA, -REAL_MIN, KOOP_E_RANGE},
 	    {DELTA, -1, KOOP_E_RANGE},
@@ -192,7 +194,7 @@ static void test_ranges_of_settings(void) {
 }
 
 static void test_reset_takes_what_settings_take(void) {
-	static const double bad[] = {0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX};
+	static const double bad[] = {0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MIN / 2};
 	learned before, after;
 	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
 	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
@@ -257,8 +259,8 @@ static void test_plain_form_pays_only_for_what_it_uses(void) {
 	CHECK_STATUS(KOOP_OK, KOOP(rls_reals)(&e.config, &without));
 	e.config.regulator = &KOOP(reg_sift);
 	CHECK_STATUS(KOOP_OK, KOOP(rls_reals)(&e.config, &sift));
-	TEST_ASSERT_TRUE(with_factor == without + 24 * 24);
-	TEST_ASSERT_TRUE(sift == without + 24 * 24);
+	TEST_ASSERT_TRUE(with_factor == without + KOOP_TRIANGLE(24));
+	TEST_ASSERT_TRUE(sift == without + KOOP_SYMMETRIC(24));
 }
 
 static void test_each_status_has_its_own_message(void) {

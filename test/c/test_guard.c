@@ -202,9 +202,7 @@ static void flipped_inputs(const KOOP(dictionary) *dictionary) {
 static void indefinite_covariance(const KOOP(dictionary) *dictionary) {
 	settle(dictionary, KOOP_CHECK_REPORT);
 	const size_t before = l.guard.resets;
-	for (size_t i = 0; i < l.rls.n_regressors; i++) {
-		l.rls.covariance[i * (l.rls.n_regressors_padded + 1)] = -100;
-	}
+	for (size_t i = 0; i < KOOP_SYMMETRIC(l.rls.n_regressors); i++) { l.rls.covariance[i] *= -1; }
 	step();
 	CHECK(l.guard.resets == before + 1, "%s: learner not started again", dictionary->name);
 	CHECK(l.rls.positive_definite, "%s: P still indefinite", dictionary->name);
@@ -228,9 +226,7 @@ static void drifting_prediction(const KOOP(dictionary) *dictionary) {
 	settle(dictionary, KOOP_CHECK_REPORT);
 	l.guard.config.most_tracking = 1000;
 	l.rls.config.regulator = &KOOP(reg_none);
-	for (size_t i = 0; i < l.rls.n_regressors * l.rls.n_regressors_padded; i++) {
-		l.rls.covariance[i] *= (real)1e-12;
-	}
+	for (size_t i = 0; i < KOOP_SYMMETRIC(l.rls.n_regressors); i++) { l.rls.covariance[i] *= (real)1e-12; }
 	l.rls.theta[1] += (real)1e-3; /* of px, some 30 m, in py */
 	size_t left = 0;
 	while (left < 10 && step() == KOOP_GUARD_ONLINE) { left++; }
@@ -245,9 +241,7 @@ static void frozen_learner(const KOOP(dictionary) *dictionary) {
 	l.gain = 0.5;
 	drive(400);
 	CHECK(l.guard.model == KOOP_GUARD_ONLINE, "%s: slow robot not learned", dictionary->name);
-	for (size_t i = 0; i < l.rls.n_regressors * l.rls.n_regressors_padded; i++) {
-		l.rls.covariance[i] *= (real)1e-12;
-	}
+	for (size_t i = 0; i < KOOP_SYMMETRIC(l.rls.n_regressors); i++) { l.rls.covariance[i] *= (real)1e-12; }
 	l.rls.config.regulator = &KOOP(reg_none);
 	l.gain = 1;
 	size_t left = 0;

@@ -200,11 +200,11 @@ static void test_information_does_not_overflow(void) {
 /* A covariance at the ends of the range, after a reset: refused or right, never zero or infinite. */
 static void test_reset_to_the_ends_of_the_range(void) {
 	const double starts[] = {(double)REAL_MAX / 2.5, (double)REAL_MAX / 1e3, (double)REAL_MIN * 1e3,
-	                         (double)REAL_MIN, (double)REAL_MIN / 64};
+	                         (double)REAL_MIN};
 	for (int r = 0; r < REGULATORS; r++) {
 		for (int f = 0; f < FORMS; f++) {
 			for (int check = 0; check < 3; check++) {
-				for (int s = 0; s < 5; s++) {
+				for (int s = 0; s < 4; s++) {
 					const real zeta[D] = {(real)1e-3, (real)-1e-3, (real)2e-3, 0, (real)1e-3, 0};
 					const real psi_next[N] = {1, 1, 1, 1};
 					learned now;

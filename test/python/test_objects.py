@@ -69,6 +69,15 @@ def test_compiles_without_a_warning(compiled, compiler, unit, optimise):
     compiled(compiler, unit, optimise)
 
 
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("compiler", compilers)
+def test_refuses_to_compile_without_nan(tmp_path, compiler, unit, flag):
+    command = [compiler, flag, f"-I{LIB / 'include'}", "-c", LIB / f"{unit}.c", "-o", tmp_path / "out.o"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode and "TinyKoop needs NaN" in done.stderr
+
+
 @needs["g++"]
 def test_headers_are_cxx(tmp_path):
     source = tmp_path / "user.cpp"

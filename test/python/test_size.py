@@ -32,9 +32,9 @@ def test_estimates_grow_with_the_work():
 
 
 def test_storage_of_a_learner_is_that_of_its_matrices():
-    # Theta N x d and S d x d, rows padded to four, and six vectors
+    # Theta N x d and half of S d x d, in rows and tiles padded to four, and six vectors
     d = 14 + 2
-    assert sim.storage(14, 3, 2, 50)["learner_sqrt"] == d * 16 + d * 16 + 16 + 5 * d
+    assert sim.storage(14, 3, 2, 50)["learner_sqrt"] == d * 16 + d * (d + 4) // 2 + 16 + 5 * d
     assert sim.storage(14, 3, 2, 50)["model"] == 14 * d
 
 
@@ -46,7 +46,7 @@ def test_sizes_that_the_library_refuses(sizes):
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [("-N 22 -n 3 -m 2", "29,008"), ("-N 9 -n 6 -m 2 -H 20 --target cortex-m0plus --precision 64", "koopd_rls")],
+    [("-N 22 -n 3 -m 2", f"{4 * sim.storage(22, 3, 2, 50)['mpc_newton']:,}"), ("-N 9 -n 6 -m 2 -H 20 --target cortex-m0plus --precision 64", "koopd_rls")],
 )
 def test_command(arguments, says):
     done = subprocess.run([sys.executable, "-m", "tinykoop.cli", "size", *arguments.split()], capture_output=True, text=True)

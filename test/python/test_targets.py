@@ -195,22 +195,19 @@ def test_committed_figures_are_of_every_target_and_level():
         assert row["data"] == 0 and row["bss"] == 0 and row["foreign"] == []
 
 
-def test_the_table_in_the_docs_is_of_the_committed_figures():
-    pages = [page.read_text() for name in targets.PAGES if (page := targets.ROOT / name).exists()]
-    tables = [text.split(targets.BEGIN)[1].split(targets.END)[0] for text in pages if targets.BEGIN in text]
-    committed = targets.markdown(json.loads(targets.COMMITTED.read_text()))
-    for table in tables:
-        assert targets.BEGIN + table + targets.END == committed
+@pytest.mark.parametrize("name", targets.PAGES)
+def test_the_table_in_the_docs_is_of_the_committed_figures(name):
+    text = (targets.ROOT / name).read_text()
+    assert targets.between_markers(text, targets.PAGES[name](json.loads(targets.COMMITTED.read_text()))) == text
 
 
 def test_pages_are_rewritten_between_the_markers_only(monkeypatch, tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"before\n{targets.BEGIN}\nold\n{targets.END}\nafter\n")
     monkeypatch.setattr(targets, "ROOT", tmp_path)
-    monkeypatch.setattr(targets, "PAGES", ("page.md", "absent.md"))
-    monkeypatch.setattr(targets, "markdown", lambda rows: f"{targets.BEGIN}\nnew\n{targets.END}")
+    monkeypatch.setattr(targets, "PAGES", {"page.md": lambda rows: "new\n"})
     targets.write_pages([])
-    assert page.read_text() == f"before\n{targets.BEGIN}\nnew\n{targets.END}\nafter\n"
+    assert page.read_text() == f"before\n{targets.BEGIN}\n\nnew\n\n{targets.END}\nafter\n"
 
 
 # ---- call graph ------------------------------------------------------------------------------------

@@ -322,7 +322,6 @@ def read_committed():
 
 
 BEGIN, END = "<!-- footprint: begin, written by make targets UPDATE=1 -->", "<!-- footprint: end -->"
-PAGES = ("README.md", "docs/microcontroller.md", "targets/README.md")
 
 HEADERS = [
     "target", "config", "code", "learn", "stack", "lift", "plain", "sqrt", "condense k", "warm k", "cold k", "worst k",
@@ -381,7 +380,7 @@ NAMES = {
 
 
 def markdown(rows):
-    """All of footprint.json as tables, with the two markers around."""
+    """All of footprint.json as tables."""
     once = [row for row in rows if _size(row) == SIZES[0]]
     code = [[f"{row['target']} -{_level(row)}", *map(_grouped, (row["text"], row["text_learn"], row["data"], row["bss"]))] for row in once]
     functions = sorted({name for row in once for name in row["stack"]})
@@ -389,24 +388,42 @@ def markdown(rows):
     ram = {_size(row): row["ram"] for row in rows if row["ram"]}
     memory = [[f"N = {n}, m = 2, horizon 50", *map(_grouped, both.values())] for n, both in ram.items()]
     parts = [
-        BEGIN,
-        "",
         _markdown("Bytes of code, koopf.c", ["", "everything", "lift and update only", "data", "bss"], code),
         _markdown("Bytes of the caller's RAM", ["", "learner, square root", "controller"], memory),
         _markdown("Bytes of stack, libm left out", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
         *[_instructions_table(rows, level) for level in LEVELS],
-        END,
     ]
     return "\n".join(parts)
 
 
+def summary(rows):
+    """What decides, at the larger size."""
+    lines = []
+    for row in rows:
+        if _size(row) == max(SIZES) and _level(row) == "O2":
+            count = row["instructions"] or {"lift": None, "rls_update_plain": {}, "rls_update": {}, "mpc_solve": {}}
+            updates = [count[key].get("dz_cs") for key in ("rls_update_plain", "rls_update")]
+            solves = [count["mpc_solve"].get(key) for key in ("warm", "cold", "worst")]
+            cells = [row["text"], row["text_learn"], max(row["stack"].values()), count["lift"], *updates, *solves]
+            lines.append([row["target"], *map(_grouped, cells)])
+    headers = ["", "code, all", "lift, update", "stack", "lift", "update, plain", "square root", "MPC warm", "cold", "worst"]
+    return _markdown("Bytes and instructions, float32, -O2, N = 22, m = 2, horizon 50, `dz_cs`", headers, lines)
+
+
+PAGES = {"README.md": summary, "targets/README.md": markdown}
+
+
+def between_markers(text, table):
+    """The text with another table between the two markers."""
+    before, rest = text.split(BEGIN, 1)
+    return f"{before}{BEGIN}\n\n{table}\n{END}{rest.split(END, 1)[1]}"
+
+
 def write_pages(rows):
-    """The table between the two markers of every page that has them."""
-    for page in (ROOT / name for name in PAGES):
-        text = page.read_text() if page.exists() else ""
-        if BEGIN in text and END in text:
-            before, rest = text.split(BEGIN, 1)
-            write_bytes(page, (before + markdown(rows) + rest.split(END, 1)[1]).encode())
+    """The table of every page, between its two markers."""
+    for name, table in PAGES.items():
+        page = ROOT / name
+        write_bytes(page, between_markers(page.read_text(), table(rows)).encode())
 
 
 # ---- all of it ----------------------------------------------------------------------------------------

@@ -6,20 +6,10 @@
 #include "effects.h"
 #include "message.h"
 
-typedef struct running {
-	const tk_effect *effect;
-	const tk_active *active;
-	double *memory;
-} running;
-
 struct ddr {
-	running *runs;
-	double *memory;
-	size_t count;
-	int senses;    /* whether any effect has a say in the measured pose, */
-	int remembers; /* or a state of its own */
+	effect_chain effects;
 	int integrator;
-	double dt, end;
+	double dt;
 	size_t k;       /* steps made */
 	double pose[3]; /* true */
 };
@@ -28,53 +18,30 @@ static tk_signal signal_at(const ddr *robot, size_t k) {
 	return (tk_signal){.t = (double)k * robot->dt, .dt = robot->dt};
 }
 
-/* Whether `r` has a say in this block now; if so, tells it how far its time has passed. */
-static int acts(const ddr *robot, const running *r, int block, tk_signal *signal) {
-	const double now = signal->t + 1e-6 * robot->dt; /* t is k dt: rounded */
-	if (r->effect->block != block || now < r->active->t0 || now >= r->active->t1) { return 0; }
-	const double end = fmin(r->active->t1, robot->end);
-	signal->passed = r->effect->needs_end ? (signal->t - r->active->t0) / (end - r->active->t0) : 0;
-	return 1;
-}
-
-/* Lets every effect of `block` that acts at this time change the signal. */
-static void pass(const ddr *robot, int block, tk_signal *signal) {
-	for (size_t i = 0; i < robot->count; i++) {
-		const running *r = &robot->runs[i];
-		if (acts(robot, r, block, signal)) { r->effect->apply(r->active->parameters, r->memory, signal); }
-	}
-}
-
 void ddr_sense(const ddr *robot, size_t k, double *pose) {
-	if (!robot->senses) { return; }
+	if (!robot->effects.senses) { return; }
 	tk_signal signal = signal_at(robot, k);
 	for (size_t i = 0; i < 3; i++) { signal.pose[i] = pose[i]; }
-	pass(robot, TK_SENSOR, &signal);
+	effects_apply(&robot->effects, TK_SENSOR, &signal);
 	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
 }
 
 void ddr_unsense(const ddr *robot, size_t k, double *pose) {
 	tk_signal signal = signal_at(robot, k);
 	for (size_t i = 0; i < 3; i++) { signal.pose[i] = pose[i]; }
-	for (size_t i = robot->count; i-- > 0;) {
-		const running *r = &robot->runs[i];
-		if (r->effect->undo && acts(robot, r, TK_SENSOR, &signal)) {
-			r->effect->undo(r->active->parameters, r->memory, &signal);
-		}
-	}
+	effects_undo(&robot->effects, TK_SENSOR, &signal);
 	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
 }
 
 ddr_motion ddr_next(ddr *robot, const double *u) {
 	tk_signal signal = signal_at(robot, robot->k++);
 	for (size_t i = 0; i < 2; i++) { signal.command[i] = u[i]; }
-	pass(robot, TK_ACTUATOR, &signal);
+	effects_apply(&robot->effects, TK_ACTUATOR, &signal);
 	signal.body[0] = signal.command[0];
 	signal.body[2] = signal.command[1];
-	pass(robot, TK_PLANT, &signal);
+	effects_apply(&robot->effects, TK_PLANT, &signal);
 
-	static const double ahead[] = {
-	    [TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
+	static const double ahead[] = {[TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
 	/* an arc's chord lies half the turn ahead, and is shorter than the arc */
 	const double half = 0.5 * signal.body[2] * signal.dt;
 	const double chord = robot->integrator == TK_ARC && half != 0 ? sin(half) / half : 1;
@@ -88,7 +55,7 @@ ddr_motion ddr_next(ddr *robot, const double *u) {
 }
 
 void ddr_roll(ddr *robot, size_t steps, const double *u) {
-	if (!robot->remembers) {
+	if (!robot->effects.remembers) {
 		robot->k += steps;
 		return;
 	}
@@ -114,63 +81,9 @@ void ddr_step(ddr *robot, const double *u) {
 
 /* ---- Setting up ------------------------------------------------------------- */
 
-enum { MOST_MEMORY = 1 << 20 }; /* doubles of one effect */
-
-static int check_parameters(const tk_effect *effect, const tk_active *active) {
-	if (active->n_parameters != effect->n_parameters) {
-		return fail("%s: %zu parameters are given, it takes %zu", effect->name, active->n_parameters,
-		            effect->n_parameters);
-	}
-	for (size_t i = 0; i < effect->n_parameters; i++) {
-		const tk_parameter *p = &effect->parameters[i];
-		const double value = active->parameters[i];
-		if (!(value >= p->low && value <= p->high)) {
-			return fail("%s: %s is %g, it must be between %g and %g", effect->name, p->name, value, p->low,
-			            p->high);
-		}
-	}
-	return TK_OK;
-}
-
-static size_t memory_of(const tk_effect *effect, const tk_active *active, double dt) {
-	return effect->n_memory + (effect->history ? effect->history(active->parameters, dt) : 0);
-}
-
-static int check(const tk_active *active, double dt) {
-	const tk_effect *effect = effect_by_name(active->effect);
-	if (!effect) { return fail("there is no effect named '%s'", active->effect ? active->effect : ""); }
-	if (!isfinite(active->t0) || isnan(active->t1)) {
-		return fail("%s: it acts from %g s to %g s, which is no time", effect->name, active->t0, active->t1);
-	}
-	if (check_parameters(effect, active) != TK_OK) { return TK_ERROR; }
-	if (memory_of(effect, active, dt) > MOST_MEMORY) {
-		return fail("%s reaches back over too many steps of %g s", effect->name, dt);
-	}
-	return TK_OK;
-}
-
-/* In the order of the table of effects, whatever the caller's: reordering a
- * list of effects must not change a trajectory. */
-static void collect(ddr *robot, const tk_active *actives) {
-	size_t n = 0;
-	double *memory = robot->memory;
-	for (size_t e = 0; e < tk_effect_count(); e++) {
-		const tk_effect *effect = effect_by_name(tk_effect_name(e));
-		for (size_t i = 0; i < robot->count; i++) {
-			if (effect_by_name(actives[i].effect) != effect) { continue; }
-			robot->runs[n++] = (running){effect, &actives[i], memory};
-			const size_t size = memory_of(effect, &actives[i], robot->dt);
-			robot->senses |= effect->block == TK_SENSOR;
-			robot->remembers |= size > 0;
-			memory += size;
-		}
-	}
-}
-
 void ddr_free(ddr *robot) {
 	if (!robot) { return; }
-	free(robot->runs);
-	free(robot->memory);
+	effects_free(&robot->effects);
 	free(robot);
 }
 
@@ -184,24 +97,17 @@ ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double
 		fail("there is no integrator %d", integrator);
 		return NULL;
 	}
-	size_t memory_size = 1;
-	for (size_t i = 0; i < n_effects; i++) {
-		if (check(&effects[i], dt) != TK_OK) { return NULL; }
-		memory_size += memory_of(effect_by_name(effects[i].effect), &effects[i], dt);
-	}
 	ddr *robot = calloc(1, sizeof *robot);
-	if (robot) {
-		*robot = (ddr){.count = n_effects, .integrator = integrator, .dt = dt, .end = end};
-		for (size_t i = 0; i < 3; i++) { robot->pose[i] = x0[i]; }
-		robot->runs = calloc(n_effects + 1, sizeof *robot->runs);
-		robot->memory = calloc(memory_size, sizeof *robot->memory);
-	}
-	if (!robot || !robot->runs || !robot->memory) {
-		ddr_free(robot);
+	if (!robot) {
 		fail("out of memory");
 		return NULL;
 	}
-	collect(robot, effects);
+	*robot = (ddr){.integrator = integrator, .dt = dt};
+	for (size_t i = 0; i < 3; i++) { robot->pose[i] = x0[i]; }
+	if (effects_open(&robot->effects, &ddr_effects, effects, n_effects, dt, end) != TK_OK) {
+		free(robot);
+		return NULL;
+	}
 	return robot;
 }
 

@@ -1,7 +1,8 @@
-/* The table of effects. Within a block they act in this order, whatever the
+/* The tables of effects. Within a block they act in this order, whatever the
  * caller's: a command is cut by its sender, arrives late, and goes through the
  * drive to the wheels; there it becomes a speed over ground, and at last a
- * measured pose. */
+ * measured pose. Or it arrives late at the servos of the wings, which beat the
+ * air, which moves, and at last it is seen by a gyro. */
 #include "effects.h"
 
 #include <string.h>
@@ -9,7 +10,7 @@
 #include "message.h"
 
 /* One line each. */
-#define EFFECTS(EFFECT)                                                                                      \
+#define DDR_EFFECTS(EFFECT)                                                                                  \
 	EFFECT(saturation)                                                                                       \
 	EFFECT(transport_delay)                                                                                  \
 	EFFECT(dead_band)                                                                                        \
@@ -29,44 +30,71 @@
 	EFFECT(heading_bias)                                                                                     \
 	EFFECT(measurement_noise)
 
+#define FWMAV_EFFECTS(EFFECT)                                                                                \
+	EFFECT(fwmav_delay)                                                                                      \
+	EFFECT(fwmav_lag)                                                                                        \
+	EFFECT(fwmav_gain)                                                                                       \
+	EFFECT(fwmav_trim_bias)                                                                                  \
+	EFFECT(fwmav_battery_sag)                                                                                \
+	EFFECT(fwmav_asymmetry)                                                                                  \
+	EFFECT(fwmav_damping)                                                                                    \
+	EFFECT(fwmav_vibration)                                                                                  \
+	EFFECT(fwmav_gust)                                                                                       \
+	EFFECT(fwmav_gyro_bias)
+
 #define DECLARE(name) extern const tk_effect name;
 #define ENTER(name) &name,
 
-EFFECTS(DECLARE)
+DDR_EFFECTS(DECLARE)
+FWMAV_EFFECTS(DECLARE)
 
-static const tk_effect *const table[] = {EFFECTS(ENTER)};
+static const tk_effect *const ddr_list[] = {DDR_EFFECTS(ENTER)};
+static const tk_effect *const fwmav_list[] = {FWMAV_EFFECTS(ENTER)};
 
-enum { COUNT = sizeof table / sizeof *table };
+const tk_effects ddr_effects = {"ddr", ddr_list, sizeof ddr_list / sizeof *ddr_list};
+const tk_effects fwmav_effects = {"fwmav", fwmav_list, sizeof fwmav_list / sizeof *fwmav_list};
 
-const tk_effect *effect_by_name(const char *name) {
-	for (size_t i = 0; i < COUNT; i++) {
-		if (name && strcmp(table[i]->name, name) == 0) { return table[i]; }
+const tk_effect *effect_by_name(const tk_effects *table, const char *name) {
+	for (size_t i = 0; i < table->count; i++) {
+		if (name && strcmp(table->effects[i]->name, name) == 0) { return table->effects[i]; }
 	}
 	return NULL;
 }
 
-size_t tk_effect_count(void) {
-	return COUNT;
-}
-
-const char *tk_effect_name(size_t effect) {
-	return effect < COUNT ? table[effect]->name : NULL;
-}
-
-int tk_effect_block(size_t effect) {
-	return effect < COUNT ? table[effect]->block : fail("there are only %d effects", COUNT);
-}
-
-size_t tk_effect_parameters(size_t effect) {
-	return effect < COUNT ? table[effect]->n_parameters : 0;
-}
-
-int tk_effect_parameter(size_t effect, size_t parameter, const char **name, const char **unit, double *low,
-                        double *high, double *usual) {
-	if (parameter >= tk_effect_parameters(effect)) {
-		return fail("there is no parameter %zu of effect %zu", parameter, effect);
+/* Null after fail(). */
+static const tk_effect *effect_at(const char *platform, size_t effect) {
+	const tk_effects *tables[] = {&ddr_effects, &fwmav_effects};
+	for (size_t i = 0; i < 2; i++) {
+		if (!platform || strcmp(tables[i]->platform, platform) != 0) { continue; }
+		if (effect < tables[i]->count) { return tables[i]->effects[effect]; }
+		fail("%s has only %zu effects", platform, tables[i]->count);
+		return NULL;
 	}
-	const tk_parameter *p = &table[effect]->parameters[parameter];
+	fail("there is no platform named '%s': use ddr or fwmav", platform ? platform : "");
+	return NULL;
+}
+
+const char *tk_effect_name(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e ? e->name : NULL;
+}
+
+int tk_effect_block(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e ? e->block : TK_ERROR;
+}
+
+size_t tk_effect_parameters(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e ? e->n_parameters : 0;
+}
+
+int tk_effect_parameter(const char *platform, size_t effect, size_t parameter, const char **name,
+                        const char **unit, double *low, double *high, double *usual) {
+	const tk_effect *e = effect_at(platform, effect);
+	if (!e) { return TK_ERROR; }
+	if (parameter >= e->n_parameters) { return fail("%s has no parameter %zu", e->name, parameter); }
+	const tk_parameter *p = &e->parameters[parameter];
 	*name = p->name;
 	*unit = p->unit;
 	*low = p->low;

@@ -1,20 +1,22 @@
 /* The interface of an unmodelled effect.
  *
- * To add one: write effects/NAME.c and add its line to effects.c.
+ * To add one: write effects/NAME.c (of the DDR) or fwmav_effects/NAME.c and add
+ * its line to effects.c.
  * All parameters zero must leave every signal bit for bit as it was.
- * Actuator and plant know nothing of the pose: so the way covered in a step is
- * the same wherever it began, and windows.c needs it only once.
+ * Actuator and plant of the DDR know nothing of the pose: so the way covered in a
+ * step is the same wherever it began, and windows.c needs it only once.
  */
 #ifndef EFFECTS_H
 #define EFFECTS_H
 
 #include "tinykoop_sim.h"
 
-/* What flows through one time step. An effect changes the part of its block. */
+/* What flows through one time step. An effect changes the part of its block.
+ * The FWMAV has one command, and signals of its own around this (fwmav.h). */
 typedef struct tk_signal {
 	double t, dt;      /* s; t is the log's, dt as it truly lasts */
 	double passed;     /* share of the time between setting in and the end, 0 to 1 */
-	double command[2]; /* actuator: v (m/s), omega (rad/s) as they reach the wheels */
+	double command[2]; /* actuator: v (m/s), omega (rad/s) as they reach the wheels; u (rad), 0 the wings */
 	double body[3];    /* plant: longitudinal, lateral velocity (m/s), yaw rate (rad/s) */
 	double drift[2];   /* plant: velocity (m/s) in the world's axes on top */
 	double pose[3];    /* sensor: px, py (m), theta (rad), first true, then as measured */
@@ -39,7 +41,43 @@ typedef struct tk_effect {
 	void (*undo)(const double *parameters, double *memory, tk_signal *signal);
 } tk_effect;
 
+/* The effects of one platform, in the order of action. */
+typedef struct tk_effects {
+	const char *platform;
+	const tk_effect *const *effects;
+	size_t count;
+} tk_effects;
+
+extern const tk_effects ddr_effects, fwmav_effects;
+
 /* Null if there is none of that name. */
-const tk_effect *effect_by_name(const char *name);
+const tk_effect *effect_by_name(const tk_effects *table, const char *name);
+
+/* ---- Those that act on one robot -------------------------------------------- */
+
+typedef struct effect_chain {
+	struct running *runs;
+	double *memory;
+	size_t count;
+	double dt, end; /* s */
+	int senses;     /* whether any of them has a say in what is measured, */
+	int remembers;  /* or a state of its own */
+} effect_chain;
+
+/* The effects must outlive the chain; `end` (s): when the log is over. */
+int effects_open(effect_chain *chain, const tk_effects *table, const tk_active *effects, size_t n_effects,
+                 double dt, double end);
+void effects_free(effect_chain *chain);
+/* Lets every effect of `block` that acts at this time change the signal. */
+void effects_apply(const effect_chain *chain, int block, tk_signal *signal);
+/* Takes back what those of `block` did that can be undone, the last one first. */
+void effects_undo(const effect_chain *chain, int block, tk_signal *signal);
+
+/* ---- Effects that both platforms have ---------------------------------------- */
+
+void delay_commands(const double *parameters, double *memory, tk_signal *signal);
+size_t delay_history(const double *parameters, double dt);
+enum { LAG_MEMORY = 3 };
+void lag_commands(const double *parameters, double *memory, tk_signal *signal);
 
 #endif

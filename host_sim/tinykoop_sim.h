@@ -49,13 +49,13 @@ typedef struct tk_active {
 	double t0, t1;
 } tk_active;
 
-TK_API size_t tk_effect_count(void);
-TK_API const char *tk_effect_name(size_t effect);
-TK_API int tk_effect_block(size_t effect);
-TK_API size_t tk_effect_parameters(size_t effect);
+/* The effects of a platform (ddr, fwmav) in the order of action; null when there are no more. */
+TK_API const char *tk_effect_name(const char *platform, size_t effect);
+TK_API int tk_effect_block(const char *platform, size_t effect);
+TK_API size_t tk_effect_parameters(const char *platform, size_t effect);
 /* Name, unit, bounds (refused outside) and a usual value; zero for all parameters is no effect. */
-TK_API int tk_effect_parameter(size_t effect, size_t parameter, const char **name, const char **unit,
-                               double *low, double *high, double *usual);
+TK_API int tk_effect_parameter(const char *platform, size_t effect, size_t parameter, const char **name,
+                               const char **unit, double *low, double *high, double *usual);
 
 /* The measured states x (steps + 1 rows of 3) under commands u (steps rows of
  * 2) from the true state x0. */
@@ -80,6 +80,36 @@ typedef struct tk_recording {
 TK_API int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
                       size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
                       double *predicted, double *residual);
+
+/* ---- Plant: the flapping-wing vehicle --------------------------------------------
+ *
+ * A tailless vehicle of 26 g with two wings, its flight controller in the loop
+ * (docs/flapping-wing.md). Axes: x forward, y left, z up; angles turn about
+ * these, so positive pitch tips it forward. The log's x is what the controller
+ * measures and estimates [gyro (rad/s), accelerometer (m/s^2), pitch, roll, yaw
+ * (rad), yaw rate (rad/s)]; its u is what the controller commands: dihedral
+ * (rad) in hover and pitch flights, wing twist (rad) in yaw flights. */
+
+enum { TK_FWMAV_STATES = 21, TK_FWMAV_HZ = 100 };
+
+typedef struct tk_flight {
+	const char *manoeuvre; /* hover, pitch (climbing, tipping to and fro), yaw (turning) */
+	uint64_t seed;         /* of schedule, turbulence, noise */
+	double noise;          /* factor of turbulence, IMU noise and bias; 1: as it flies, 0: none */
+} tk_flight;
+
+/* Flies from hover: x (rows of 10) and u (rows) at TK_FWMAV_HZ, and the true
+ * state (rows of TK_FWMAV_STATES): position, velocity (world), quaternion (w, x,
+ * y, z; body to world), angular velocity (body), wing-beat frequency (Hz) and
+ * phase, then angle and rate of dihedral, twist and roll share. */
+TK_API int tk_fwmav_fly(const tk_active *effects, size_t n_effects, const tk_flight *flight, size_t rows,
+                        double *x, double *u, double *states);
+
+/* The vehicle without its controller, from `state`, in still air but for effects: commands (steps
+ * rows of 4: wing-beat frequency with a full battery (Hz), dihedral, twist, roll share), each held
+ * for dt. yaw = 1: effects on u act on the twist, else on the dihedral. states: steps + 1 rows. */
+TK_API int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, double dt, size_t steps,
+                         const double *state, const double *commands, double *states);
 
 /* ---- Estimator: lib/ in either precision ---------------------------------- */
 

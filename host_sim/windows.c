@@ -20,7 +20,7 @@ typedef struct place {
 
 static int check_actives(const tk_active *effects, size_t n_effects) {
 	for (size_t i = 0; i < n_effects; i++) {
-		const tk_effect *effect = effect_by_name(effects[i].effect);
+		const tk_effect *effect = effect_by_name(&ddr_effects, effects[i].effect);
 		if (effect && effect->block == TK_SENSOR && !effect->undo) {
 			return fail("%s cannot be undone at the start of a window: it serves simulation only",
 			            effect->name);

@@ -7,13 +7,13 @@
 
 #include "effects.h"
 
-enum { BEGUN, SPEED, YAW_RATE, N_MEMORY };
+enum { BEGUN, STATE }; /* of each command */
 
-static void apply(const double *p, double *memory, tk_signal *signal) {
+void lag_commands(const double *p, double *memory, tk_signal *signal) {
 	if (!(p[0] > 0)) { return; }
 	const double steps = signal->dt / p[0], gone = -expm1(-steps); /* share of the way gone in a step */
 	for (size_t i = 0; i < 2; i++) {
-		double *state = memory + SPEED + i;
+		double *state = memory + STATE + i;
 		const double command = signal->command[i];
 		if (!memory[BEGUN]) { *state = command; }
 		const double behind = *state - command;
@@ -28,6 +28,6 @@ const tk_effect actuator_lag = {
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"tau", "s", 0, 3, 0.3}},
-    .n_memory = N_MEMORY,
-    .apply = apply,
+    .n_memory = LAG_MEMORY,
+    .apply = lag_commands,
 };

@@ -10,11 +10,11 @@ static size_t ring_size(const double *p, double dt) {
 	return (size_t)fmin(floor(p[0] / dt), 1e12) + 2; /* as much as that is refused */
 }
 
-static size_t history(const double *p, double dt) {
+size_t delay_history(const double *p, double dt) {
 	return 1 + 2 * ring_size(p, dt);
 }
 
-static void apply(const double *p, double *memory, tk_signal *signal) {
+void delay_commands(const double *p, double *memory, tk_signal *signal) {
 	const size_t size = ring_size(p, signal->dt), count = (size_t)memory[0];
 	const double late = p[0] / signal->dt, part = late - floor(late);
 	double *ring = memory + 1;
@@ -33,6 +33,6 @@ const tk_effect transport_delay = {
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"delay", "s", 0, 2, 0.15}},
-    .history = history,
-    .apply = apply,
+    .history = delay_history,
+    .apply = delay_commands,
 };

@@ -54,6 +54,16 @@ def parser():
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler that takes the work instead")
 
+    flight = commands.add_parser("fly", help="a flight of the simulated flapping-wing vehicle, as a log")
+    flight.add_argument("manoeuvre", choices=("hover", "pitch", "yaw"))
+    flight.add_argument("log", type=Path, help="file to write, .csv")
+    flight.add_argument("--seconds", type=float, default=40.0)
+    flight.add_argument("--seed", type=int, default=1)
+    flight.add_argument(
+        "--effect", action="append", default=[], metavar="NAME[=V,V][@T0,T1]",
+        help="an unmodelled effect, with its usual parameters or these, all the time or from T0 to T1 (s)",
+    )  # fmt: skip
+
     play = add("replay", "a log through the eleven methods, both precisions and forms")
     play.add_argument("log")
     play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
@@ -74,6 +84,10 @@ def dispatch(a):
         from . import demo
 
         demo.run(a.out, a.data, a.log)
+    elif a.command == "fly":
+        from . import fly
+
+        fly.run(a.manoeuvre, a.seconds, a.seed, a.effect, a.log)
     elif a.command == "replay":
         from . import replay
 

@@ -32,6 +32,10 @@ class _Active(ct.Structure):
     ]
 
 
+class _Flight(ct.Structure):
+    _fields_ = [("manoeuvre", ct.c_char_p), ("seed", ct.c_uint64), ("noise", ct.c_double)]
+
+
 class _Recording(ct.Structure):
     _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", ct.c_void_p), ("u", ct.c_void_p), ("usable", ct.c_void_p)]
 
@@ -149,7 +153,7 @@ def _load():
     c = ct.CDLL(str(_LIBRARY))
     for name in ("tk_message", "tk_effect_name"):
         getattr(c, name).restype = ct.c_char_p
-    for name in ("tk_effect_count", "tk_effect_parameters", "tk_log_rows"):
+    for name in ("tk_effect_parameters", "tk_log_rows"):
         getattr(c, name).restype = ct.c_size_t
     c.tk_log_dt.restype = ct.c_double
     return c
@@ -206,27 +210,30 @@ class Effect:
     t1: float = float("inf")
 
 
-def effects():
+def effects(platform="ddr"):
     """{name: (block, [(parameter, unit, low, high, usual), ..])} of every effect, in the order of action."""
-    table = {}
-    for e in range(_call("tk_effect_count")):
+    if platform not in _PLATFORM_SIZES:
+        raise UserError(f"there is no platform named '{platform}': use {' or '.join(_PLATFORM_SIZES)}")
+    table, c_platform = {}, platform.encode()
+    while name := _call("tk_effect_name", c_platform, ct.c_size_t(len(table))):
+        place = (c_platform, ct.c_size_t(len(table)))
         rows = []
-        for p in range(_call("tk_effect_parameters", ct.c_size_t(e))):
-            name, unit = ct.c_char_p(), ct.c_char_p()
+        for p in range(_call("tk_effect_parameters", *place)):
+            parameter, unit = ct.c_char_p(), ct.c_char_p()
             low, high, usual = ct.c_double(), ct.c_double(), ct.c_double()
             _check(
-                "tk_effect_parameter", ct.c_size_t(e), ct.c_size_t(p), ct.byref(name), ct.byref(unit),
+                "tk_effect_parameter", *place, ct.c_size_t(p), ct.byref(parameter), ct.byref(unit),
                 ct.byref(low), ct.byref(high), ct.byref(usual),
             )  # fmt: skip
-            rows.append((name.value.decode(), unit.value.decode(), low.value, high.value, usual.value))
-        block = ("actuator", "plant", "sensor")[_call("tk_effect_block", ct.c_size_t(e))]
-        table[_call("tk_effect_name", ct.c_size_t(e)).decode()] = (block, rows)
+            rows.append((parameter.value.decode(), unit.value.decode(), low.value, high.value, usual.value))
+        block = ("actuator", "plant", "sensor")[_call("tk_effect_block", *place)]
+        table[name.decode()] = (block, rows)
     return table
 
 
-def usual_effect(name, t0=0.0, t1=float("inf")):
+def usual_effect(name, t0=0.0, t1=float("inf"), platform="ddr"):
     """The effect with its usual parameters."""
-    return Effect(name, tuple(row[4] for row in effects()[name][1]), t0, t1)
+    return Effect(name, tuple(row[4] for row in effects(platform)[name][1]), t0, t1)
 
 
 def _active_effects(active):
@@ -284,6 +291,66 @@ def storage(n_lifted, n_states, n_inputs, horizon):
     counts = [ct.c_size_t(max(k, 0)) for k in (n_lifted, n_states, n_inputs, horizon)]
     _check("tk_sizes", *counts, ct.byref(sizes))
     return {name: getattr(sizes, name) for name, _ in _Storage._fields_}
+
+
+# The true state of the flapping-wing vehicle, one slice of its columns each.
+FWMAV_STATE = {
+    "position": slice(0, 3),  # m, world
+    "velocity": slice(3, 6),  # m/s, world
+    "attitude": slice(6, 10),  # quaternion w, x, y, z, body to world
+    "spin": slice(10, 13),  # rad/s, body
+    "beat": 13,  # wing-beat frequency, Hz
+    "phase": 14,  # of the beat, rad
+    "dihedral": 15,  # rad; its rate follows, as with the next two
+    "twist": 17,  # rad
+    "share": 19,  # of thrust, moved to the left wing
+}
+_FWMAV_STATES, _FWMAV_HZ = 21, 100
+
+
+def fwmav(manoeuvre, seconds, seed, active=(), noise=1.0):
+    """A flight of the flapping-wing vehicle: hover, pitch (u: dihedral) or yaw (u: wing twist), 100 Hz.
+
+    noise: factor of turbulence, IMU noise and bias. Returns the log as the flight controller writes it, and
+    the true states (K, 21), see FWMAV_STATE.
+    """
+    if not 0.03 <= seconds <= 300:
+        raise UserError(f"a flight of {seconds} s cannot be flown: the shortest log is 0.03 s, the battery lasts 300 s")
+    if not 0 <= seed < 2**64:
+        raise UserError(f"seed is {seed}, it must be between 0 and 2^64 - 1")
+    rows = round(seconds * _FWMAV_HZ)
+    x, u, states = np.empty((rows, 10)), np.empty((rows, 1)), np.empty((rows, _FWMAV_STATES))
+    _check(
+        "tk_fwmav_fly", _active_effects(active), ct.c_size_t(len(active)),
+        ct.byref(_Flight(manoeuvre.encode(), seed, noise)), ct.c_size_t(rows), _doubles(x), _doubles(u), _doubles(states),
+    )  # fmt: skip
+    dt = 1 / _FWMAV_HZ
+    return Log(np.arange(rows) * dt, x, u, np.ones(rows - 1, bool), dt), states
+
+
+def fwmav_hover():
+    """The true state (21) of the flapping-wing vehicle as it hovers, level and at rest."""
+    state = np.zeros(_FWMAV_STATES)
+    state[FWMAV_STATE["attitude"]] = 1, 0, 0, 0
+    state[FWMAV_STATE["beat"]] = 17
+    return state
+
+
+def fwmav_roll(state, commands, dt, active=(), yaw=False):
+    """True states (K+1, 21) of the vehicle without its controller, in still air, from `state`.
+
+    commands (K, 4): wing-beat frequency with a full battery [Hz], dihedral, twist [rad], share; each held for dt.
+    yaw: effects on the log's command act on the twist, else on the dihedral.
+    """
+    state, commands = _in(state), _in(commands, 4)
+    if state.shape != (_FWMAV_STATES,):
+        raise ValueError(f"expected a state of {_FWMAV_STATES}, got shape {state.shape}")
+    states = np.empty((len(commands) + 1, _FWMAV_STATES))
+    _check(
+        "tk_fwmav_roll", _active_effects(active), ct.c_size_t(len(active)), ct.c_int(yaw), ct.c_double(dt),
+        ct.c_size_t(len(commands)), _doubles(state), _doubles(commands), _doubles(states),
+    )  # fmt: skip
+    return states
 
 
 # ---- control ---------------------------------------------------------------------------------

@@ -1,0 +1,20 @@
+/* The gyro reads (bx, by, bz) too much, on top of the usual bias of the flight. */
+#include "fwmav.h"
+
+static void apply(const double *p, double *memory, tk_signal *signal) {
+	(void)memory;
+	for (size_t i = 0; i < 3; i++) { in_flight(signal)->gyro[i] += p[i]; }
+}
+
+const tk_effect fwmav_gyro_bias = {
+    .name = "gyro_bias",
+    .block = TK_SENSOR,
+    .n_parameters = 3,
+    .parameters =
+        {
+            {"bx", "rad/s", -0.1, 0.1, 0.03},
+            {"by", "rad/s", -0.1, 0.1, 0.03},
+            {"bz", "rad/s", -0.1, 0.1, 0.03},
+        },
+    .apply = apply,
+};

@@ -1,0 +1,267 @@
+/* A flight: the vehicle in turbulent air, its IMU, attitude estimate and controller, and the
+ * manoeuvre that is flown. What the flight controller sees goes into the log. */
+#include <math.h>
+#include <string.h>
+
+#include "fwmav.h"
+#include "message.h"
+#include "random.h"
+
+/* The controller's rate, s, and every how many of its steps the log takes a sample: as it is, not
+ * averaged, so that what shakes faster than 50 Hz folds down. */
+static const double DT = 0.002;
+enum { EVERY = 5 };
+
+enum { HOVER, PITCH, YAW, MANOEUVRES };
+static const char *const names[MANOEUVRES] = {"hover", "pitch", "yaw"};
+
+/* ---- Chance ------------------------------------------------------------------ */
+
+/* Of the air and the irregular beat: standard deviations and how long they last. Chosen so that a
+ * hovering vehicle sways by one or two degrees. */
+static const double TURBULENCE[7] = {0.3, 0.3, 0.3, 4, 4, 4, 0.25}; /* m/s^2, rad/s^2, Hz */
+static const double LASTING = 0.1;                                  /* s */
+/* Of gears and frame, which rattle faster than the log can tell: what they add to gyro and
+ * accelerometer. It turns the body nowhere, so it is a difference. Sizes as in logs of the 103-g vehicle. */
+static const double RATTLE[6] = {1.0, 0.4, 3.5, 3.2, 8.0, 7.0}; /* rad/s, m/s^2 */
+/* Of the IMU: white noise of a BMI088 over 250 Hz, and what is left of its bias after calibration. */
+static const double GYRO_NOISE = 0.004, ACCELEROMETER_NOISE = 0.03; /* rad/s, m/s^2 */
+static const double GYRO_BIAS = 0.005, ACCELEROMETER_BIAS = 0.1;    /* chosen */
+
+/* First-order Gauss-Markov processes. */
+static void blow(double *turbulence, uint64_t *random, double noise) {
+	const double kept = exp(-DT / LASTING), fresh = sqrt(1 - kept * kept);
+	for (size_t i = 0; i < 7; i++) {
+		turbulence[i] = kept * turbulence[i] + fresh * noise * TURBULENCE[i] * random_normal(random);
+	}
+}
+
+/* ---- Attitude estimate ---------------------------------------------------------- */
+
+/* Mahony's filter (explicit complementary filter with bias), with the Crazyflie's gains. */
+typedef struct estimate {
+	double q[4], bias[3];     /* the bias is what is to be added to the gyro */
+	double pitch, roll, yaw;  /* rad */
+	double rate[3], yaw_rate; /* rad/s, body axes and about the vertical */
+} estimate;
+
+static void angles(estimate *e) {
+	double R[3][3];
+	quaternion_to_matrix(e->q, R);
+	e->pitch = asin(fmax(-1, fmin(1, -R[2][0])));
+	e->roll = atan2(R[2][1], R[2][2]);
+	e->yaw = atan2(R[1][0], R[0][0]);
+	const double c = cos(e->pitch);
+	e->yaw_rate = (sin(e->roll) * e->rate[1] + cos(e->roll) * e->rate[2]) / fmax(c, 0.01);
+}
+
+static void observe(estimate *e, const double *gyro, const double *accelerometer) {
+	static const double KP = 0.4, KI = 0.001; /* 1/s, 1/s^2 */
+	const double *a = accelerometer;
+	double R[3][3], turn[3], slope[4];
+	quaternion_to_matrix(e->q, R);
+	const double norm = fmax(sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]), 1e-9);
+	/* from the vertical as estimated to the one that is felt */
+	const double *up = R[2];
+	const double off[3] = {(a[1] * up[2] - a[2] * up[1]) / norm, (a[2] * up[0] - a[0] * up[2]) / norm,
+	                       (a[0] * up[1] - a[1] * up[0]) / norm};
+	for (size_t i = 0; i < 3; i++) {
+		e->bias[i] += KI * off[i] * DT;
+		e->rate[i] = gyro[i] + e->bias[i];
+		turn[i] = e->rate[i] + KP * off[i];
+	}
+	quaternion_derivative(e->q, turn, slope);
+	for (size_t i = 0; i < 4; i++) { e->q[i] += DT * slope[i]; }
+	quaternion_normalise(e->q);
+	angles(e);
+}
+
+/* ---- Manoeuvre -------------------------------------------------------------------- */
+
+typedef struct aim {
+	double pitch, yaw, height, climb; /* rad, rad, m, m/s */
+} aim;
+
+typedef struct schedule {
+	int manoeuvre, tipped;
+	uint64_t random;
+	double next;    /* s, when it changes */
+	aim asked, now; /* now follows at a limited rate */
+} schedule;
+
+static double between(uint64_t *random, double low, double high) {
+	return low + (high - low) * random_uniform(random);
+}
+
+static double either(uint64_t *random) {
+	return random_uniform(random) < 0.5 ? -1 : 1;
+}
+
+/* The next part of the manoeuvre. */
+static void change(schedule *s, double t) {
+	if (s->manoeuvre == PITCH) {
+		s->tipped = !s->tipped;
+		s->asked.pitch = s->tipped ? either(&s->random) * between(&s->random, 0.08, 0.28) : 0;
+		s->asked.climb = 0.25;
+	} else if (s->manoeuvre == YAW) {
+		s->asked.yaw = either(&s->random) * between(&s->random, 0.1, 0.5);
+	}
+	s->next = t + between(&s->random, 0.8, 2.0);
+}
+
+static double towards(double now, double asked, double step) {
+	return now + fmax(-step, fmin(step, asked - now));
+}
+
+static const aim *proceed(schedule *s, double t) {
+	if (t >= s->next) { change(s, t); }
+	s->now.pitch = towards(s->now.pitch, s->asked.pitch, 1.5 * DT); /* rad/s */
+	s->now.yaw = towards(s->now.yaw, s->asked.yaw, 1.5 * DT);
+	s->now.climb = towards(s->now.climb, s->asked.climb, 0.5 * DT); /* m/s^2 */
+	s->now.height += s->now.climb * DT;
+	return &s->now;
+}
+
+/* ---- Controller ---------------------------------------------------------------------- */
+
+/* PID of one axis on the attitude, the rate through a first-order low-pass. */
+typedef struct loop {
+	double p, i, d; /* per rad, per rad s, per rad/s */
+	double cutoff;  /* Hz */
+	double most;    /* of the command */
+	double rate, sum;
+} loop;
+
+/* Sizes of p and d as the Flapper's in the Crazyflie firmware, in radians; i chosen. */
+static const loop loops[SERVOS] = {
+    [DIHEDRAL] = {.p = 0.25, .i = 0.1, .d = 0.04, .cutoff = 20, .most = 0.31},
+    [TWIST] = {.p = 0.30, .i = 0.1, .d = 0.01, .cutoff = 5, .most = 0.5},
+    [SHARE] = {.p = 0.40, .i = 0.5, .d = 0.05, .cutoff = 20, .most = 0.3},
+};
+
+static double limited(double value, double most) {
+	return fmax(-most, fmin(most, value));
+}
+
+static double drive(loop *l, double asked, double angle, double rate) {
+	const double off = remainder(asked - angle, 6.283185307179586);
+	l->rate += (1 - exp(-6.283185307179586 * l->cutoff * DT)) * (rate - l->rate);
+	l->sum = limited(l->sum + l->i * off * DT, 0.5 * l->most);
+	return limited(l->p * off + l->sum - l->d * l->rate, l->most);
+}
+
+/* Height hold: asks for a share more or less than the weight. It knows height and climb as they
+ * are; the log has neither. */
+static double throttle(const aim *target, const double *state) {
+	const double share =
+	    1 + 0.4 * (target->height - state[POSITION + 2]) + 0.3 * (target->climb - state[VELOCITY + 2]);
+	return fwmav_hover_beat() * sqrt(fmax(0.6, fmin(1.4, share)));
+}
+
+/* ---- Flight ---------------------------------------------------------------------------- */
+
+typedef struct flight {
+	effect_chain effects;
+	double noise;
+	uint64_t random;
+	double state[TK_FWMAV_STATES], turbulence[7];
+	double bias[6], rattle[6]; /* of the IMU */
+	double imu[6];             /* gyro (rad/s), accelerometer (m/s^2) as measured */
+	estimate estimate;
+	schedule schedule;
+	loop loops[SERVOS];
+} flight;
+
+static void sense(flight *f, const fwmav_signal *signal) {
+	double derivative[TK_FWMAV_STATES], felt[3];
+	fwmav_derivative(signal, f->state, derivative, felt);
+	for (size_t i = 0; i < 6; i++) {
+		const double rattle = f->noise * sqrt(0.5) * RATTLE[i] * random_normal(&f->random);
+		f->imu[i] = (i < 3 ? f->state[SPIN + i] + signal->gyro[i] : felt[i - 3]) + f->bias[i] +
+		            signal->vibration * (rattle - f->rattle[i]) +
+		            f->noise * (i < 3 ? GYRO_NOISE : ACCELEROMETER_NOISE) * random_normal(&f->random);
+		f->rattle[i] = rattle;
+	}
+	observe(&f->estimate, f->imu, f->imu + 3);
+}
+
+static void steer(flight *f, fwmav_signal *signal) {
+	const estimate *e = &f->estimate;
+	const aim *target = proceed(&f->schedule, signal->common.t);
+	signal->servo[DIHEDRAL] = drive(&f->loops[DIHEDRAL], target->pitch, e->pitch, e->rate[1]);
+	signal->servo[TWIST] = drive(&f->loops[TWIST], target->yaw, e->yaw, e->rate[2]);
+	signal->servo[SHARE] = drive(&f->loops[SHARE], 0, e->roll, e->rate[0]);
+	signal->beat = throttle(target, f->state);
+}
+
+static void write_row(const flight *f, double *x) {
+	const estimate *e = &f->estimate;
+	memcpy(x, f->imu, sizeof f->imu);
+	x[6] = e->pitch;
+	x[7] = e->roll;
+	x[8] = e->yaw;
+	x[9] = e->yaw_rate;
+}
+
+static void take_off(flight *f, const tk_flight *settings, int manoeuvre) {
+	f->noise = settings->noise;
+	f->random = random_mix(settings->seed);
+	f->schedule = (schedule){.manoeuvre = manoeuvre, .random = random_mix(~settings->seed)};
+	f->schedule.next = between(&f->schedule.random, 1, 2);
+	memcpy(f->loops, loops, sizeof loops);
+	f->estimate.q[0] = 1;
+	fwmav_hover(f->state);
+	f->state[PHASE] = f->noise > 0 ? 6.283185307179586 * random_uniform(&f->random) : 0;
+	fwmav_sway(fwmav_signal_at(&f->effects, 0, DT).vibration, f->state);
+	for (size_t i = 0; i < 6; i++) {
+		f->bias[i] = f->noise * (i < 3 ? GYRO_BIAS : ACCELEROMETER_BIAS) * random_normal(&f->random);
+	}
+	for (size_t i = 0; i < 7; i++) {
+		f->turbulence[i] = f->noise * TURBULENCE[i] * random_normal(&f->random);
+	}
+}
+
+static int fly(flight *f, int axis, size_t rows, double *x, double *u, double *states) {
+	int status = TK_OK;
+	for (size_t tick = 0; tick < rows * EVERY && status == TK_OK; tick++) {
+		fwmav_signal signal = fwmav_signal_at(&f->effects, (double)tick * DT, DT);
+		memcpy(signal.turbulence, f->turbulence, sizeof f->turbulence);
+		sense(f, &signal);
+		steer(f, &signal);
+		if (tick % EVERY == 0) {
+			const size_t k = tick / EVERY;
+			if (states) { memcpy(states + k * TK_FWMAV_STATES, f->state, sizeof f->state); }
+			if (x) { write_row(f, x + 10 * k); }
+			if (u) { u[k] = signal.servo[axis]; }
+		}
+		fwmav_command(&f->effects, axis, &signal);
+		fwmav_step(&signal, f->state);
+		blow(f->turbulence, &f->random, f->noise);
+		status = fwmav_check(f->state, (double)(tick + 1) * DT);
+	}
+	return status;
+}
+
+static int manoeuvre_by_name(const char *name) {
+	for (int i = 0; i < MANOEUVRES; i++) {
+		if (name && strcmp(name, names[i]) == 0) { return i; }
+	}
+	return fail("there is no manoeuvre named '%s': use hover, pitch or yaw", name ? name : "");
+}
+
+int tk_fwmav_fly(const tk_active *effects, size_t n_effects, const tk_flight *settings, size_t rows,
+                 double *x, double *u, double *states) {
+	if (!settings || (n_effects && !effects)) { return fail("flight and effects must be given"); }
+	if (!(settings->noise >= 0 && settings->noise <= 10)) {
+		return fail("noise is %g, it must be between 0 and 10", settings->noise);
+	}
+	const int manoeuvre = manoeuvre_by_name(settings->manoeuvre);
+	if (manoeuvre == TK_ERROR) { return TK_ERROR; }
+	const double end = (double)(rows * EVERY) * DT;
+	flight f = {0};
+	if (effects_open(&f.effects, &fwmav_effects, effects, n_effects, DT, end) != TK_OK) { return TK_ERROR; }
+	take_off(&f, settings, manoeuvre);
+	const int status = fly(&f, manoeuvre == YAW ? TWIST : DIHEDRAL, rows, x, u, states);
+	effects_free(&f.effects);
+	return status;
+}

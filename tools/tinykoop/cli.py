@@ -68,6 +68,19 @@ def parser():
     play.add_argument("log")
     play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
 
+    summary = "a log of a Crazyflie, PX4 or ROS 2 to the CSV that the other commands read (docs/convert.md)"
+    convert = commands.add_parser("convert", help=summary, description=summary)
+    convert.add_argument("source", help="log file, or folder of a bag or of a cfclient session")
+    convert.add_argument("csv", metavar="OUT.csv", help="file to write")
+    convert.add_argument("--platform", choices=("ddr", "fwmav"), required=True, help="which columns")
+    convert.add_argument("--format", choices=("usd", "ulog", "ros2", "crazyflie"), help="default: by what is in the file")
+    convert.add_argument("--rate", type=float, metavar="HZ", help="rows a second (default: as the state's slowest part)")
+    convert.add_argument(
+        "--map", nargs="+", action="extend", default=[], metavar="COLUMN=TOPIC.FIELD",
+        help="what makes a column, as u=ctrltarget.pitch (docs/convert.md)",
+    )  # fmt: skip
+    convert.add_argument("--damaged", action="store_true", help="take what can be read of a file that is cut off")
+
     fit = commands.add_parser("fit", help="offline model of a log, as a C header or binary for firmware")
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
@@ -96,6 +109,10 @@ def dispatch(a):
         from . import fit
 
         fit.run(a.log, a.model, a.dictionary, a.precision, a.platform, a.p0)
+    elif a.command == "convert":
+        from . import convert
+
+        convert.run(a.source, a.csv, a.platform, a.format, a.rate, a.map, a.damaged)
     elif a.command == "study":
         from . import study
 

@@ -1,0 +1,90 @@
+"""Logs of others to the CSV that everything here reads: `tinykoop convert`.
+
+A source format is one file beside this one and one line in FORMATS. It says which fields a file has,
+which of them usually make which column, and what brings each to SI units with x forward, y left, z up.
+The rest is the same for all: choosing fields (choose.py), the uniform rows (rows.py), writing.
+"""
+
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import UserError
+from ..results import console, number, print_table, write_bytes
+from .choose import choose
+from .rows import COMMANDS, resample
+
+FORMATS = {
+    "usd": "Crazyflie uSD deck, binary",
+    "ulog": "PX4 ULog",
+    "ros2": "ROS 2 bag: folder, .mcap or .db3",
+    "crazyflie": "cfclient log-to-file: a CSV, or the folder of CSVs of one session",
+}
+COLUMNS = {
+    "ddr": ("px", "py", "theta", "v", "omega"),
+    "fwmav": ("gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"),
+}
+
+
+def detect(path):
+    """The format of a file or folder, by what is in it."""
+    head = b""
+    if path.is_file():
+        try:
+            with open(path, "rb") as file:
+                head = file.read(4096)
+        except OSError as error:
+            raise UserError(f"{path}: cannot be opened ({error.strerror}); check the path")
+        if not head:
+            raise UserError(f"{path}: the file is empty")
+    for name in FORMATS:
+        if import_module(f".{name}", __package__).is_mine(path, head):
+            return name
+    known = "; ".join(f"{name} ({what})" for name, what in FORMATS.items())
+    raise UserError(f"{path}: none of the formats known here: {known}; if it is one all the same, say so with --format")
+
+
+def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
+    """Converts the log `source` to the CSV `out`, and says what each column was made of.
+
+    rate: rows a second (default: that of the slowest part of the state). maps: COLUMNS=TOPIC[.FIELD][*FACTOR].
+    damaged: take what can be read of a file that is cut off.
+    """
+    source, out = Path(source), Path(out)
+    if not source.exists():
+        raise UserError(f"{source}: no such file; check the path")
+    if out.exists() and out.resolve() == source.resolve():
+        raise UserError(f"{out}: is the source itself; name another file to write")
+    if rate is not None and not 0 < rate <= 1e5:
+        raise UserError(f"--rate {rate:g}: rows a second must be above 0, at most 100000")
+    module = import_module(f".{form or detect(source)}", __package__)
+    with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes make numbers of every kind
+        log = module.open_log(source, damaged)
+        chosen = choose(log, COLUMNS[platform], maps)
+        table = resample(log, chosen, rate)
+    write_table(out, table, COLUMNS[platform])
+    report(source, table, chosen)
+
+
+def write_table(out, table, columns):
+    """The CSV of the contract, with seg and pose_ok."""
+    names = ("t", *columns, "seg", "pose_ok")
+    data = np.column_stack([table.t, *(table.columns[name] for name in columns)])
+    lines = [",".join(names)]
+    for row, seg, ok in zip(data.tolist(), table.seg.tolist(), table.pose_ok.tolist()):
+        lines.append(",".join([f"{row[0]:.12g}", *(f"{value:.12g}" for value in row[1:]), str(seg), str(int(ok))]))
+    write_bytes(out, ("\n".join(lines) + "\n").encode())
+
+
+def report(source, table, chosen):
+    """Which field made which column, and what was lost."""
+    lines = []
+    for column, field in chosen.items():
+        where = f"{field.label}{'' if field.factor == 1 else f' * {field.factor:g}'}" if field else "gyro and attitude"
+        rate = number(table.rates[column]) if field else ""
+        lines.append([column, where, "held" if column in COMMANDS else "interpolated" if field else "computed", rate])
+    print_table(source.name, ["column", "from", "between samples", "its rate (Hz)"], lines)
+    count, parts, masked = len(table.t), int(table.seg[-1]) + 1, int((~table.pose_ok).sum())
+    text = f"{count:,} rows at {table.rate:.6g} Hz, {table.t[-1]:.1f} s; segments: {parts}; rows with pose_ok 0: {masked:,}."
+    console.print("\n".join([text, *table.notes]), highlight=False)

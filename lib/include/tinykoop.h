@@ -122,6 +122,9 @@ enum {
 /* to be added to either with an input-rate penalty S */
 #define KOOP_MPC_REALS_RATE(m, H) ((size_t)(m) * KOOP_MPC_PAD((H) * (m)))
 
+/* Number of reals of a low-pass of n channels. */
+#define KOOP_LOWPASS_REALS(n) (2u * (size_t)(n))
+
 /* Number of bytes of a stored model with N lifted states and m inputs. */
 #define KOOP_MODEL_HEADER_BYTES 24u
 #define KOOPF_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 4u * (N) * ((N) + (m)))

@@ -184,6 +184,29 @@ int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 /* P as d rows of d. KOOP_E_OVERFLOW where only its root fits this precision. */
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
 
+/* ---- Low-pass ---------------------------------------------------------------- */
+
+/* What flapping wings, rotors or an engine do to a sensor, taken off before the
+ * state is lifted: Butterworth, second order, for n channels at once. It falls
+ * by 3 dB at the cut-off and delays what is slow by 0.225 / cutoff seconds. */
+typedef struct KOOP(lowpass) {
+	size_t n;
+	KOOP_REAL b, a1, a2; /* y = b (x + 2 x' + x'') - a1 y' - a2 y'', ' a sample before */
+	KOOP_REAL *state;    /* two for each channel */
+	int settled;
+} KOOP(lowpass);
+
+/* cutoff and rate of sampling in Hz, 0.001 rate <= cutoff <= 0.45 rate. Storage: KOOP_LOWPASS_REALS(n). */
+int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, KOOP_REAL cutoff, KOOP_REAL rate, KOOP_REAL *storage,
+                       size_t reals);
+
+/* The next sample begins anew, settled on what it is: after a gap. */
+int KOOP(lowpass_reset)(KOOP(lowpass) *filter);
+
+/* y (n) = x (n) filtered; y may be x. One step a sample, and only forwards in
+ * time. A sample that is not finite, or too large, is refused and changes nothing. */
+int KOOP(lowpass_step)(KOOP(lowpass) *filter, const KOOP_REAL *x, KOOP_REAL *y);
+
 /* ---- Dead-zone threshold --------------------------------------------------- */
 
 /* The linearly interpolated eta-quantile of calibration innovations (paper,

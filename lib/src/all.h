@@ -24,6 +24,7 @@
 
 #include "rls.c"
 #include "threshold.c"
+#include "lowpass.c"
 #include "model.c"
 
 #include "condensed.c"

@@ -1,0 +1,50 @@
+/* Low-pass of second order: Butterworth, by the bilinear transform with the
+ * cut-off kept where it is. Transposed direct form II, whose two numbers a
+ * channel are also what lets it begin settled. */
+
+int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real rate, real *storage, size_t reals) {
+	if (!filter || !storage) { return KOOP_E_NULL; }
+	if (n < 1 || n > KOOP_MAX_DIM) { return KOOP_E_SIZE; }
+	if (reals < KOOP_LOWPASS_REALS(n)) { return KOOP_E_STORAGE; }
+	/* written so that NaN fails; below, the poles are lost in the rounding of float32 */
+	if (!(rate > 0 && is_finite(rate) && cutoff >= rate * (real)1e-3 && cutoff <= rate * (real)0.45)) {
+		return KOOP_E_RANGE;
+	}
+	const real pi = (real)3.14159265358979323846, root2 = (real)1.41421356237309504880;
+	const real k = MATH(tan)(pi * (cutoff / rate)), scale = 1 / (1 + root2 * k + k * k);
+	filter->n = n;
+	filter->b = k * k * scale;
+	filter->a1 = 2 * (k * k - 1) * scale;
+	filter->a2 = (1 - root2 * k + k * k) * scale;
+	filter->state = storage;
+	filter->settled = 0;
+	return KOOP_OK;
+}
+
+int KOOP(lowpass_reset)(KOOP(lowpass) *filter) {
+	if (!filter || !filter->state) { return KOOP_E_NULL; }
+	filter->settled = 0;
+	return KOOP_OK;
+}
+
+int KOOP(lowpass_step)(KOOP(lowpass) *filter, const real *x, real *y) {
+	if (!filter || !filter->state || !x || !y) { return KOOP_E_NULL; }
+	const real b = filter->b, a1 = filter->a1, a2 = filter->a2;
+	if (!all_finite(x, filter->n)) { return KOOP_E_INPUT; }
+	/* no state grows beyond a few times the largest input */
+	if (!(max_abs(x, filter->n) < REAL_MAX / 64)) { return KOOP_E_OVERFLOW; }
+	for (size_t i = 0; i < filter->n; i++) {
+		real *s = filter->state + 2 * i;
+		const real now = x[i];
+		if (!filter->settled) {
+			s[0] = (1 - b) * now;
+			s[1] = (b - a2) * now;
+		}
+		const real out = b * now + s[0];
+		s[0] = 2 * b * now - a1 * out + s[1];
+		s[1] = b * now - a2 * out;
+		y[i] = out;
+	}
+	filter->settled = 1;
+	return KOOP_OK;
+}

@@ -7,7 +7,7 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control ablate windup diagnose blind study guard bench targets amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -55,6 +55,9 @@ learn: build ## DDR one-step learning, the paper's table: learn.json
 
 control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
 	@$(TINYKOOP) control
+
+transfer: build ## flapping wing across flight regimes, the paper's table (DATA=dir of own flights, pitch*.csv and yaw*.csv): transfer.json
+	@$(TINYKOOP) transfer $(if $(DATA),--data "$(DATA)")
 
 ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
 	@$(TINYKOOP) ablate

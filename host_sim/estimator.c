@@ -177,6 +177,12 @@ int tk_controller_solve(tk_controller *c, const double *theta, const double *psi
 	                      : f64_controller_solve(&c->f64, theta, psi, reference, plan, solution);
 }
 
+int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,
+               const int32_t *usable, double *y) {
+	return precision == 32 ? f32_lowpass(cutoff, rate, rows, n, x, usable, y)
+	                       : f64_lowpass(cutoff, rate, rows, n, x, usable, y);
+}
+
 int tk_threshold(double *scores, size_t count, double eta, double *delta) {
 	const int status = koopd_threshold(scores, count, eta, delta);
 	return status == KOOP_OK ? TK_OK : fail("threshold: %s", koopd_status_message(status));

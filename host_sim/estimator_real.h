@@ -386,3 +386,23 @@ static int SIM(soak)(SIM(estimator) * e, size_t steps, const double *zeta, const
 	free(y);
 	return TK_OK;
 }
+
+/* ---- Low-pass ----------------------------------------------------------------- */
+
+static int SIM(lowpass)(double cutoff, double rate, size_t rows, size_t n, const double *x,
+                        const int32_t *usable, double *y) {
+	REAL storage[KOOP_LOWPASS_REALS(KOOP_MAX_DIM)], now[KOOP_MAX_DIM];
+	KOOP(lowpass) filter;
+	const size_t reals = sizeof storage / sizeof *storage;
+	int status = KOOP(lowpass_init)(&filter, n, (REAL)cutoff, (REAL)rate, storage, reals);
+	if (status != KOOP_OK) {
+		return fail("low-pass of %g Hz at %g Hz, %zu channels: %s", cutoff, rate, n, KOOP(status_message)(status));
+	}
+	for (size_t k = 0; k < rows; k++) {
+		if (k > 0 && usable && !usable[k - 1]) { KOOP(lowpass_reset)(&filter); }
+		for (size_t i = 0; i < n; i++) { now[i] = (REAL)x[k * n + i]; }
+		status = KOOP(lowpass_step)(&filter, now, now);
+		for (size_t i = 0; i < n; i++) { y[k * n + i] = (double)(status == KOOP_OK ? now[i] : (REAL)NAN); }
+	}
+	return TK_OK;
+}

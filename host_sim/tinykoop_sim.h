@@ -236,6 +236,11 @@ TK_API int tk_controller_reset(tk_controller *controller);
 TK_API int tk_controller_solve(tk_controller *controller, const double *theta, const double *psi,
                                const double *reference, double *plan, tk_solution *solution);
 
+/* The library's low-pass in this precision (32 or 64) over x (rows x n), sampled at `rate` (Hz), into y. Begins
+ * anew after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN. */
+TK_API int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,
+                      const int32_t *usable, double *y);
+
 /* The library's dead-zone threshold, in double: the eta-quantile of `scores`, which get sorted. */
 TK_API int tk_threshold(double *scores, size_t count, double eta, double *delta);
 

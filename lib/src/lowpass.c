@@ -2,7 +2,8 @@
  * cut-off kept where it is. Transposed direct form II, whose two numbers a
  * channel are also what lets it begin settled. */
 
-int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real rate, real *storage, size_t reals) {
+COLD int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real rate, real *storage,
+                            size_t reals) {
 	if (!filter || !storage) { return KOOP_E_NULL; }
 	if (n < 1 || n > KOOP_MAX_DIM) { return KOOP_E_SIZE; }
 	if (reals < KOOP_LOWPASS_REALS(n)) { return KOOP_E_STORAGE; }
@@ -11,7 +12,8 @@ int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real rate, 
 		return KOOP_E_RANGE;
 	}
 	const real pi = (real)3.14159265358979323846, root2 = (real)1.41421356237309504880;
-	const real k = MATH(tan)(pi * (cutoff / rate)), scale = 1 / (1 + root2 * k + k * k);
+	const real angle = pi * (cutoff / rate);
+	const real k = MATH(sin)(angle) / MATH(cos)(angle), scale = 1 / (1 + root2 * k + k * k);
 	filter->n = n;
 	filter->b = k * k * scale;
 	filter->a1 = 2 * (k * k - 1) * scale;
@@ -21,7 +23,7 @@ int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real rate, 
 	return KOOP_OK;
 }
 
-int KOOP(lowpass_reset)(KOOP(lowpass) *filter) {
+COLD int KOOP(lowpass_reset)(KOOP(lowpass) *filter) {
 	if (!filter || !filter->state) { return KOOP_E_NULL; }
 	filter->settled = 0;
 	return KOOP_OK;

@@ -25,6 +25,9 @@ def parser():
     demo.add_argument("--data", default=ROOT.parent / "shared/data", help="folder of real logs")
     add("learn", "one-step learning of the DDR, the paper's table")
     add("control", "Koopman-MPC tracking of the DDR, the paper's table")
+    transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
+    flights = ROOT.parent / "shared/data/flapper"
+    transfer.add_argument("--data", type=Path, default=flights if flights.is_dir() else None, help="folder of real flights, pitch*.csv and yaw*.csv")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     add("windup", "float32 against float64 for every dictionary, regulator and form")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
@@ -113,6 +116,10 @@ def dispatch(a):
         from . import convert
 
         convert.run(a.source, a.csv, a.platform, a.format, a.rate, a.map, a.damaged)
+    elif a.command == "transfer":
+        from . import transfer
+
+        transfer.run(a.out, a.data)
     elif a.command == "study":
         from . import study
 

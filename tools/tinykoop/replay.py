@@ -34,14 +34,19 @@ def detect_platform(path):
         raise UserError(f"{path}: cannot be opened ({error.strerror}); check the path")
 
 
-def load(path, platform=None):
-    """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
-    platform = platform or detect_platform(path)
-    log = sim.read_log(path, platform)
+def unwrapped(log, platform):
+    """The log, its angles without jumps."""
     for column in ANGLES[platform]:
         angle = log.x[:, column]
         known = np.isfinite(angle)
         angle[known] = np.unwrap(angle[known])
+    return log
+
+
+def load(path, platform=None):
+    """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
+    platform = platform or detect_platform(path)
+    log = unwrapped(sim.read_log(path, platform), platform)
     if log.usable.sum() < MIN_USABLE:
         raise UserError(
             f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok"

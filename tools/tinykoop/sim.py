@@ -609,6 +609,23 @@ class Estimator:
         }
 
 
+def lowpass(x, cutoff, rate, precision=64, usable=None):
+    """lib/'s low-pass of `cutoff` (Hz) over the columns of x (K, n), sampled at `rate` (Hz), from the past alone.
+
+    Begins anew after transitions that are not usable (K - 1).
+    """
+    x = _in(x)
+    if x.ndim != 2:
+        raise ValueError(f"expected columns, got shape {x.shape}")
+    y = np.empty_like(x)
+    usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
+    _check(
+        "tk_lowpass", ct.c_int(precision), ct.c_double(cutoff), ct.c_double(rate), ct.c_size_t(len(x)),
+        ct.c_size_t(x.shape[1]), _doubles(x), _ints(usable), _doubles(y),
+    )  # fmt: skip
+    return y
+
+
 def threshold(scores, eta=0.75):
     """Dead-zone threshold calibrated on innovations of a source run: their eta-quantile (paper, remark)."""
     scores = np.array(scores, dtype=np.float64)

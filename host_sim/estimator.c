@@ -11,19 +11,62 @@
 #include "tinykoop_guard.h"
 
 /* Whether M (d x d), of which the lower triangle is read and overwritten, has a
- * Cholesky factor in double. */
+ * Cholesky factor in double. Column by column: no product waits for the one before. */
 static int cholesky_succeeds(double *M, size_t d) {
-	for (size_t j = 0; j < d; j++) {
-		double *row = M + j * d;
-		for (size_t k = 0; k < j; k++) { row[j] -= row[k] * row[k]; }
-		if (!(row[j] > 0)) { return 0; }
-		row[j] = sqrt(row[j]);
-		for (size_t i = j + 1; i < d; i++) {
-			for (size_t k = 0; k < j; k++) { M[i * d + j] -= M[i * d + k] * row[k]; }
-			M[i * d + j] /= row[j];
+	for (size_t k = 0; k < d; k++) {
+		if (!(M[k * d + k] > 0)) { return 0; }
+		const double root = sqrt(M[k * d + k]);
+		for (size_t i = k + 1; i < d; i++) {
+			double *row = M + i * d;
+			row[k] /= root;
+			for (size_t j = k + 1; j <= i; j++) { row[j] -= row[k] * M[j * d + k]; }
 		}
 	}
 	return 1;
+}
+
+/* Norms that a replay writes down, one for each step, taken of STEPS_AT_ONCE together: a hypot
+ * waits for the one before it, but not for those of other steps. */
+enum { STEPS_AT_ONCE = 8 };
+enum { NORM_ERROR, NORM_A, NORM_B, NORM_P, NORMS };
+
+typedef struct norm_trace {
+	double *norm; /* null: nobody asked */
+	size_t length;
+	double *values; /* what the norms are of, length x STEPS_AT_ONCE */
+} norm_trace;
+
+static void norms_close(norm_trace *norms) {
+	for (size_t i = 0; i < NORMS; i++) { free(norms[i].values); }
+}
+
+static int norms_open(norm_trace *norms) {
+	int opened = 1;
+	for (norm_trace *t = norms; t < norms + NORMS; t++) {
+		t->values = t->norm ? calloc(t->length * STEPS_AT_ONCE, sizeof *t->values) : NULL;
+		opened = opened && (t->values || !t->norm);
+	}
+	if (!opened) { norms_close(norms); }
+	return opened;
+}
+
+/* Element i of what the norm of step k is of. */
+static void norm_set(norm_trace *t, size_t k, size_t i, double value) {
+	t->values[i * STEPS_AT_ONCE + k % STEPS_AT_ONCE] = value;
+}
+
+/* All elements of step k are set, and there are `steps`. */
+static void norms_take(norm_trace *norms, size_t k, size_t steps) {
+	const size_t count = k % STEPS_AT_ONCE + 1;
+	if (count < STEPS_AT_ONCE && k + 1 < steps) { return; }
+	for (norm_trace *t = norms; t < norms + NORMS; t++) {
+		double sum[STEPS_AT_ONCE] = {0};
+		for (size_t i = 0; t->norm && i < t->length; i++) {
+			const double *value = t->values + i * STEPS_AT_ONCE;
+			for (size_t r = 0; r < count; r++) { sum[r] = hypot(sum[r], value[r]); }
+		}
+		for (size_t r = 0; t->norm && r < count; r++) { t->norm[k + 1 - count + r] = sum[r]; }
+	}
 }
 
 static double microseconds(void) {

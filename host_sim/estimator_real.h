@@ -100,6 +100,19 @@ static const KOOP(form) SIM(form_textbook) = {
 
 /* ---- One estimator --------------------------------------------------------- */
 
+/* rbf_fwmav, and the squares and products of the four rates: of the size that replays are timed at. */
+static void SIM(lift_wide_fwmav)(const KOOP(dictionary) *self, const REAL *x, REAL *psi) {
+	const REAL rate[4] = {x[0], x[1], x[2], x[9]};
+	REAL *product = psi + KOOP(rbf_fwmav).n_lifted;
+	(void)self;
+	KOOP(rbf_fwmav).lift(&KOOP(rbf_fwmav), x, psi);
+	for (size_t i = 0; i < 4; i++) {
+		for (size_t j = 0; j <= i; j++) { *product++ = rate[i] * rate[j]; }
+	}
+}
+
+static const KOOP(dictionary) SIM(wide_fwmav) = {"wide", 10, 40, SIM(lift_wide_fwmav), NULL};
+
 static const KOOP(dictionary) *SIM(dictionary)(const char *name) {
 	static const struct {
 		const char *name;
@@ -109,6 +122,7 @@ static const KOOP(dictionary) *SIM(dictionary)(const char *name) {
 	    {"rbf_ddr", &KOOP(rbf_ddr)},
 	    {"poly_fwmav", &KOOP(poly_fwmav)},
 	    {"rbf_fwmav", &KOOP(rbf_fwmav)},
+	    {"wide_fwmav", &SIM(wide_fwmav)}, /* not in lib/ */
 	};
 	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
 		if (strcmp(table[i].name, name) == 0) { return table[i].dictionary; }
@@ -215,24 +229,21 @@ static int SIM(set_theta)(SIM(estimator) * e, const double *theta) {
 
 /* P in double. From S where P is kept as S S': P itself may not fit a float. */
 static void SIM(get_covariance)(const SIM(estimator) * e, double *P) {
+	const KOOP(form) *form = e->rls.config.form;
 	const size_t d = e->rls.n_regressors;
-	const int factored = e->rls.config.form == &KOOP(form_sqrt);
+	const int factored = form == &KOOP(form_sqrt), symmetric = form != &SIM(form_textbook);
+	for (size_t i = 0; i < d * d; i++) { P[i] = 0; }
+	for (size_t k = 0; factored && k < d; k++) {
+		const REAL *S = e->rls.covariance;
+		for (size_t i = 0; i <= k; i++) {
+			const double a = S[KOOP_TRIANGLE_AT(k, i)];
+			for (size_t j = 0; j <= i; j++) { P[i * d + j] += a * (double)S[KOOP_TRIANGLE_AT(k, j)]; }
+		}
+	}
 	for (size_t i = 0; i < d; i++) {
 		for (size_t j = 0; j <= i; j++) {
-			double lower = 0, upper = 0;
-			if (factored) {
-				for (size_t k = i; k < d; k++) {
-					const REAL a = e->rls.covariance[KOOP_TRIANGLE_AT(k, i)];
-					const REAL b = e->rls.covariance[KOOP_TRIANGLE_AT(k, j)];
-					lower += (double)a * (double)b;
-				}
-				upper = lower;
-			} else {
-				lower = e->rls.config.form->element(&e->rls, i, j);
-				upper = e->rls.config.form->element(&e->rls, j, i);
-			}
-			P[i * d + j] = lower;
-			P[j * d + i] = upper;
+			if (!factored) { P[i * d + j] = form->element(&e->rls, i, j); }
+			P[j * d + i] = symmetric ? P[i * d + j] : (double)form->element(&e->rls, j, i);
 		}
 	}
 }
@@ -274,22 +285,33 @@ static int SIM(positive_definite)(SIM(estimator) * e, int reported) {
 	return cholesky_succeeds(e->P, e->rls.n_regressors);
 }
 
-static void SIM(record_model)(SIM(estimator) * e, size_t k, const tk_trace *trace) {
-	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors, columns = e->rls.n_lifted_padded;
-	const REAL *theta = e->rls.theta;
-	if (trace->norm_a) { trace->norm_a[k] = 0; }
-	if (trace->norm_b) { trace->norm_b[k] = 0; }
-	for (size_t j = 0; j < d; j++) {
-		double *sum = j < N ? trace->norm_a : trace->norm_b;
-		for (size_t i = 0; sum && i < N; i++) {
-			const double element = theta[j * columns + i];
-			sum[k] = hypot(sum[k], element);
-		}
+/* Theta's columns from `first` up to `last`, for the norm of step k. */
+static void SIM(record_theta)(const SIM(estimator) * e, size_t first, size_t last, size_t k, norm_trace *t) {
+	const size_t N = e->rls.n_lifted;
+	for (size_t j = first; t->norm && j < last; j++) {
+		const REAL *column = e->rls.theta + j * e->rls.n_lifted_padded;
+		for (size_t i = 0; i < N; i++) { norm_set(t, k, (j - first) * N + i, column[i]); }
 	}
-	if (trace->norm_p) {
+}
+
+static void SIM(record_model)(SIM(estimator) * e, size_t k, norm_trace *norms) {
+	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
+	SIM(record_theta)(e, 0, N, k, &norms[NORM_A]);
+	SIM(record_theta)(e, N, d, k, &norms[NORM_B]);
+	if (norms[NORM_P].norm) {
 		SIM(get_covariance)(e, e->P);
-		trace->norm_p[k] = 0;
-		for (size_t i = 0; i < d * d; i++) { trace->norm_p[k] = hypot(trace->norm_p[k], e->P[i]); }
+		for (size_t i = 0; i < d * d; i++) { norm_set(&norms[NORM_P], k, i, e->P[i]); }
+	}
+}
+
+/* The prediction of step k, NaN where there is none, and what it misses. */
+static void SIM(record_prediction)(const SIM(estimator) * e, size_t k, int made, const double *x_next,
+                                   const tk_trace *trace, norm_trace *error) {
+	const size_t n = e->rls.config.dictionary->n_states;
+	for (size_t i = 0; i < n; i++) {
+		const double predicted = made ? (double)e->predicted[i] : (double)NAN;
+		if (trace->predicted) { trace->predicted[k * n + i] = predicted; }
+		if (error->norm) { norm_set(error, k, i, x_next[i] - predicted); }
 	}
 }
 
@@ -297,22 +319,26 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
                        const int32_t *usable, int learn, const tk_trace *trace) {
 	const size_t n = e->rls.config.dictionary->n_states, m = e->rls.config.n_inputs;
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
+	norm_trace norms[NORMS] = {
+	    [NORM_ERROR] = {trace->error, n, NULL},
+	    [NORM_A] = {trace->norm_a, N * N, NULL},
+	    [NORM_B] = {trace->norm_b, N * m, NULL},
+	    [NORM_P] = {trace->norm_p, d * d, NULL},
+	};
+	/* the square-root form has to work out P's diagonal for it */
+	const int asks_health = trace->innovation || trace->gated || trace->trace || trace->min_diagonal;
 	int lifted = KOOP_E_INPUT; /* status of psi for the row at hand */
 	size_t snapshot = 0;
 
+	if (!norms_open(norms)) { return fail("out of memory"); }
 	for (size_t k = 0; k < steps; k++) {
 		KOOP(health) health = {0};
-		int status = 1;
-		double error = NAN, innovation = NAN;
-		int gated = 0;
+		int status = 1, predicted = 0, learned = 0;
 
 		if (trace->every && k % trace->every == 0) {
 			if (trace->theta) { SIM(get_theta)(e, trace->theta + snapshot * N * d); }
 			if (trace->covariance) { SIM(get_covariance)(e, trace->covariance + snapshot * d * d); }
 			snapshot++;
-		}
-		if (trace->predicted) {
-			for (size_t i = 0; i < n; i++) { trace->predicted[k * n + i] = NAN; }
 		}
 		if (!usable || usable[k]) {
 			if (k == 0 || lifted != KOOP_OK) { lifted = SIM(lift_one)(e, x + k * n, e->psi); }
@@ -320,18 +346,10 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 			for (size_t i = 0; i < m; i++) { e->u[i] = (REAL)u[k * m + i]; }
 			status = lifted != KOOP_OK ? lifted : next;
 			if (status == KOOP_OK) { status = KOOP(rls_predict)(&e->rls, e->psi, e->u, e->predicted); }
-			if (status == KOOP_OK) {
-				error = 0;
-				for (size_t i = 0; i < n; i++) {
-					const double predicted = e->predicted[i];
-					error = hypot(error, x[(k + 1) * n + i] - predicted);
-					if (trace->predicted) { trace->predicted[k * n + i] = predicted; }
-				}
-				if (learn) {
-					status = KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, &health);
-					innovation = health.innovation;
-					gated = health.gated;
-				}
+			predicted = status == KOOP_OK;
+			learned = predicted && learn;
+			if (learned) {
+				status = KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, asks_health ? &health : NULL);
 			}
 			REAL *swap = e->psi;
 			e->psi = e->psi_next;
@@ -341,17 +359,19 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 			lifted = KOOP_E_INPUT;
 		}
 
-		if (trace->error) { trace->error[k] = error; }
-		if (trace->innovation) { trace->innovation[k] = innovation; }
+		SIM(record_prediction)(e, k, predicted, x + (k + 1) * n, trace, &norms[NORM_ERROR]);
+		if (trace->innovation) { trace->innovation[k] = learned ? (double)health.innovation : (double)NAN; }
 		if (trace->status) { trace->status[k] = status; }
-		if (trace->gated) { trace->gated[k] = gated; }
+		if (trace->gated) { trace->gated[k] = health.gated; }
 		if (trace->trace) { trace->trace[k] = health.trace; }
 		if (trace->min_diagonal) { trace->min_diagonal[k] = health.min_diagonal; }
 		if (trace->positive_definite) {
 			trace->positive_definite[k] = SIM(positive_definite)(e, e->rls.positive_definite);
 		}
-		SIM(record_model)(e, k, trace);
+		SIM(record_model)(e, k, norms);
+		norms_take(norms, k, steps);
 	}
+	norms_close(norms);
 	return TK_OK;
 }
 

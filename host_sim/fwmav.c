@@ -183,8 +183,7 @@ static void runge_kutta(const fwmav_signal *signal, double dt, double *state) {
 	quaternion_normalise(state + ATTITUDE);
 }
 
-void fwmav_step(const fwmav_signal *signal, double *state) {
-	static const double fine = 0.0005; /* s */
+void fwmav_step(const fwmav_signal *signal, double fine, double *state) {
 	const size_t parts = (size_t)ceil(signal->common.dt / fine - 1e-9);
 	for (size_t i = 0; i < parts; i++) { runge_kutta(signal, signal->common.dt / (double)parts, state); }
 	state[PHASE] = fmod(state[PHASE], 2 * PI);
@@ -240,7 +239,7 @@ int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, double dt
 		for (size_t i = 0; i < SERVOS; i++) { signal.servo[i] = command[1 + i]; }
 		fwmav_command(&chain, yaw ? TWIST : DIHEDRAL, &signal);
 		memcpy(now, now - TK_FWMAV_STATES, TK_FWMAV_STATES * sizeof *now);
-		fwmav_step(&signal, now);
+		fwmav_step(&signal, FWMAV_FINE, now);
 		status = fwmav_check(now, (double)(k + 1) * dt);
 	}
 	effects_free(&chain);

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "fwmav.h"
+#include "fwmav_controller.h"
 #include "message.h"
 #include "random.h"
 
@@ -34,46 +34,6 @@ static void blow(double *turbulence, uint64_t *random, double noise) {
 	for (size_t i = 0; i < 7; i++) {
 		turbulence[i] = kept * turbulence[i] + fresh * noise * TURBULENCE[i] * random_normal(random);
 	}
-}
-
-/* ---- Attitude estimate ---------------------------------------------------------- */
-
-/* Mahony's filter (explicit complementary filter with bias), with the Crazyflie's gains. */
-typedef struct estimate {
-	double q[4], bias[3];     /* the bias is what is to be added to the gyro */
-	double pitch, roll, yaw;  /* rad */
-	double rate[3], yaw_rate; /* rad/s, body axes and about the vertical */
-} estimate;
-
-static void angles(estimate *e) {
-	double R[3][3];
-	quaternion_to_matrix(e->q, R);
-	e->pitch = asin(fmax(-1, fmin(1, -R[2][0])));
-	e->roll = atan2(R[2][1], R[2][2]);
-	e->yaw = atan2(R[1][0], R[0][0]);
-	const double c = cos(e->pitch);
-	e->yaw_rate = (sin(e->roll) * e->rate[1] + cos(e->roll) * e->rate[2]) / fmax(c, 0.01);
-}
-
-static void observe(estimate *e, const double *gyro, const double *accelerometer) {
-	static const double KP = 0.4, KI = 0.001; /* 1/s, 1/s^2 */
-	const double *a = accelerometer;
-	double R[3][3], turn[3], slope[4];
-	quaternion_to_matrix(e->q, R);
-	const double norm = fmax(sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]), 1e-9);
-	/* from the vertical as estimated to the one that is felt */
-	const double *up = R[2];
-	const double off[3] = {(a[1] * up[2] - a[2] * up[1]) / norm, (a[2] * up[0] - a[0] * up[2]) / norm,
-	                       (a[0] * up[1] - a[1] * up[0]) / norm};
-	for (size_t i = 0; i < 3; i++) {
-		e->bias[i] += KI * off[i] * DT;
-		e->rate[i] = gyro[i] + e->bias[i];
-		turn[i] = e->rate[i] + KP * off[i];
-	}
-	quaternion_derivative(e->q, turn, slope);
-	for (size_t i = 0; i < 4; i++) { e->q[i] += DT * slope[i]; }
-	quaternion_normalise(e->q);
-	angles(e);
 }
 
 /* ---- Manoeuvre -------------------------------------------------------------------- */
@@ -122,33 +82,7 @@ static const aim *proceed(schedule *s, double t) {
 	return &s->now;
 }
 
-/* ---- Controller ---------------------------------------------------------------------- */
-
-/* PID of one axis on the attitude, the rate through a first-order low-pass. */
-typedef struct loop {
-	double p, i, d; /* per rad, per rad s, per rad/s */
-	double cutoff;  /* Hz */
-	double most;    /* of the command */
-	double rate, sum;
-} loop;
-
-/* Sizes of p and d as the Flapper's in the Crazyflie firmware, in radians; i chosen. */
-static const loop loops[SERVOS] = {
-    [DIHEDRAL] = {.p = 0.25, .i = 0.1, .d = 0.04, .cutoff = 20, .most = 0.31},
-    [TWIST] = {.p = 0.30, .i = 0.1, .d = 0.01, .cutoff = 5, .most = 0.5},
-    [SHARE] = {.p = 0.40, .i = 0.5, .d = 0.05, .cutoff = 20, .most = 0.3},
-};
-
-static double limited(double value, double most) {
-	return fmax(-most, fmin(most, value));
-}
-
-static double drive(loop *l, double asked, double angle, double rate) {
-	const double off = remainder(asked - angle, 6.283185307179586);
-	l->rate += (1 - exp(-6.283185307179586 * l->cutoff * DT)) * (rate - l->rate);
-	l->sum = limited(l->sum + l->i * off * DT, 0.5 * l->most);
-	return limited(l->p * off + l->sum - l->d * l->rate, l->most);
-}
+/* ---- Height ---------------------------------------------------------------------------- */
 
 /* Height hold: asks for a share more or less than the weight. It knows height and climb as they
  * are; the log has neither. */
@@ -182,15 +116,17 @@ static void sense(flight *f, const fwmav_signal *signal) {
 		            f->noise * (i < 3 ? GYRO_NOISE : ACCELEROMETER_NOISE) * random_normal(&f->random);
 		f->rattle[i] = rattle;
 	}
-	observe(&f->estimate, f->imu, f->imu + 3);
+	const double *a = f->imu + 3, norm = fmax(sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]), 1e-9);
+	const double felt_up[3] = {a[0] / norm, a[1] / norm, a[2] / norm};
+	estimate_step(&f->estimate, f->imu, felt_up, DT);
 }
 
 static void steer(flight *f, fwmav_signal *signal) {
 	const estimate *e = &f->estimate;
 	const aim *target = proceed(&f->schedule, signal->common.t);
-	signal->servo[DIHEDRAL] = drive(&f->loops[DIHEDRAL], target->pitch, e->pitch, e->rate[1]);
-	signal->servo[TWIST] = drive(&f->loops[TWIST], target->yaw, e->yaw, e->rate[2]);
-	signal->servo[SHARE] = drive(&f->loops[SHARE], 0, e->roll, e->rate[0]);
+	signal->servo[DIHEDRAL] = loop_step(&f->loops[DIHEDRAL], target->pitch, e->pitch, e->rate[1], DT);
+	signal->servo[TWIST] = loop_step(&f->loops[TWIST], target->yaw, e->yaw, e->rate[2], DT);
+	signal->servo[SHARE] = loop_step(&f->loops[SHARE], 0, e->roll, e->rate[0], DT);
 	signal->beat = throttle(target, f->state);
 }
 
@@ -208,7 +144,7 @@ static void take_off(flight *f, const tk_flight *settings, int manoeuvre) {
 	f->random = random_mix(settings->seed);
 	f->schedule = (schedule){.manoeuvre = manoeuvre, .random = random_mix(~settings->seed)};
 	f->schedule.next = between(&f->schedule.random, 1, 2);
-	memcpy(f->loops, loops, sizeof loops);
+	loops_start(f->loops);
 	f->estimate.q[0] = 1;
 	fwmav_hover(f->state);
 	f->state[PHASE] = f->noise > 0 ? 6.283185307179586 * random_uniform(&f->random) : 0;
@@ -235,7 +171,7 @@ static int fly(flight *f, int axis, size_t rows, double *x, double *u, double *s
 			if (u) { u[k] = signal.servo[axis]; }
 		}
 		fwmav_command(&f->effects, axis, &signal);
-		fwmav_step(&signal, f->state);
+		fwmav_step(&signal, FWMAV_FINE, f->state);
 		blow(f->turbulence, &f->random, f->noise);
 		status = fwmav_check(f->state, (double)(tick + 1) * DT);
 	}

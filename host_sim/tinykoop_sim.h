@@ -111,10 +111,39 @@ TK_API int tk_fwmav_fly(const tk_active *effects, size_t n_effects, const tk_fli
 TK_API int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, double dt, size_t steps,
                          const double *state, const double *commands, double *states);
 
+/* A flight of the flapping-wing vehicle as tk_log_get() gives it, and how to follow it. */
+typedef struct tk_flown {
+	size_t rows;
+	double dt;             /* s */
+	const double *x, *u;   /* rows of 10 and 1 */
+	const int32_t *usable; /* rows - 1, or null: all transitions */
+	int yaw;               /* u is the twist, else the dihedral */
+	double heading;        /* rad: what is held where u is not the twist */
+	const double *gain;    /* TK_FWMAV_CORRECTED x TK_FWMAV_SENSED */
+	const double *push;    /* rows of 6, or null: what else accelerates the body, m/s^2 and rad/s^2 */
+} tk_flown;
+
+/* What is corrected: velocity (m/s, body axes), tilt (rad, about body axes), angular velocity
+ * (rad/s), accelerations by the turbulent air (m/s^2, rad/s^2), lift (weights). What is sensed: gyro (rad/s),
+ * accelerometer (m/s^2), roll, pitch and yaw as estimated on board (rad; of the air's turbulence
+ * only what lasts 0.1 s is foretold). */
+enum { TK_FWMAV_CORRECTED = 16, TK_FWMAV_SENSED = 9 };
+
+/* An observer follows a flight with these effects: each row is predicted (rows of
+ * TK_FWMAV_SENSED), then the state corrected by gain times what was missed. Servos follow their
+ * commands as the log has them: u, and for the other two what the simulated controller makes of the
+ * logged attitude. NaN in the first row and after an unusable transition, where the observer begins
+ * anew, level with the logged attitude and at rest. From each row starts[i], in rising order, it
+ * also runs on by itself: `ahead`, TK_FWMAV_SENSED for every start and each of `steps`, NaN where
+ * an unusable transition or the end of the log lies between; may be null. */
+TK_API int tk_fwmav_follow(const tk_active *effects, size_t n_effects, const tk_flown *log, double *predicted,
+                           size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
+                           double *ahead);
+
 /* ---- Estimator: lib/ in either precision ---------------------------------- */
 
 typedef struct tk_settings {
-	const char *dictionary; /* poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav */
+	const char *dictionary; /* poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav; wide_fwmav, N = 40, for timing */
 	const char *regulator;  /* none, ef, dz_cs, dz_ks, ct, sift */
 	const char *form;       /* plain, sqrt, textbook */
 	int precision;          /* 32 or 64 */
@@ -142,7 +171,8 @@ TK_API int tk_lift(const tk_estimator *estimator, size_t rows, const double *x, 
 
 /* What a replay writes down, one row for each of the `steps` transitions. A
  * transition that is not usable or was refused has NaN in error and innovation
- * where there is none to give. */
+ * where there is none to give. What is null is not computed, and changes nothing else:
+ * the norms of Theta and P take many times as long as the update. */
 typedef struct tk_trace {
 	double *error;                    /* |x_next - predicted|, first n lifted states, before the update */
 	double *predicted;                /* n */

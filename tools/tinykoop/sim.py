@@ -353,6 +353,47 @@ def fwmav_roll(state, commands, dt, active=(), yaw=False):
     return states
 
 
+class _Flown(ct.Structure):
+    _fields_ = [
+        ("rows", ct.c_size_t),
+        ("dt", ct.c_double),
+        ("x", ct.POINTER(ct.c_double)),
+        ("u", ct.POINTER(ct.c_double)),
+        ("usable", ct.POINTER(ct.c_int32)),
+        ("yaw", ct.c_int),
+        ("heading", ct.c_double),
+        ("gain", ct.POINTER(ct.c_double)),
+        ("push", ct.POINTER(ct.c_double)),
+    ]
+
+
+FWMAV_SENSED = 9
+
+
+def fwmav_follow(log, gain, active=(), yaw=False, heading=0.0, starts=(), steps=(), push=None):
+    """An observer of the flapping-wing vehicle along a log: predicted (K, 9), ahead (S, H, 9) or None.
+
+    Predicted are gyro (rad/s), accelerometer (m/s^2), roll, pitch and yaw (rad) of the next row; gain (16, 9) takes what
+    was missed to corrections of velocity, tilt, angular velocity, the accelerations by the air and the lift. yaw: u is the twist, else
+    the dihedral, and the vehicle holds this heading (rad). ahead: predictions
+    `steps` rows after `starts` (rising) without correction. push (K, 6): further accelerations (m/s^2, rad/s^2).
+    NaN where there is nothing to predict from.
+    """
+    x, u, gain = _in(log.x, 10), _in(log.u, 1), _in(gain, FWMAV_SENSED)
+    push = None if push is None else _in(push, 6)
+    usable = np.ascontiguousarray(log.usable, np.int32)
+    starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
+    predicted = np.empty((len(x), FWMAV_SENSED))
+    ahead = np.empty((len(starts), len(steps), FWMAV_SENSED)) if len(starts) else None
+    flown = _Flown(len(x), log.dt, _doubles(x), _doubles(u), _ints(usable), yaw, heading, _doubles(gain), _doubles(push))
+    address = lambda a: a.ctypes.data_as(ct.POINTER(ct.c_int64))  # noqa: E731
+    _check(
+        "tk_fwmav_follow", _active_effects(active), ct.c_size_t(len(active)), ct.byref(flown), _doubles(predicted),
+        ct.c_size_t(len(starts)), address(starts), ct.c_size_t(len(steps)), address(steps), _doubles(ahead),
+    )  # fmt: skip
+    return predicted, ahead
+
+
 # ---- control ---------------------------------------------------------------------------------
 
 MPC_NEWTON, MPC_GRADIENT = 0, 1
@@ -447,12 +488,16 @@ class Controller:
 
 # ---- estimator -------------------------------------------------------------------------------
 
+# What a replay writes down, with one row for each transition.
+_FLAGS = ("status", "gated", "positive_definite")
+TRACES = ("error", "predicted", "innovation", *_FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
+
 
 class Estimator:
     """lib/ in float32 or float64.
 
-    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav; regulator: none, ef, dz_cs, dz_ks, ct,
-    sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
+    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: none, ef,
+    dz_cs, dz_ks, ct, sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
     check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
     """
 
@@ -516,22 +561,23 @@ class Estimator:
         _check("tk_lift", self._handle, ct.c_size_t(len(x)), _doubles(x), _doubles(psi))
         return psi
 
-    def replay(self, x, u, usable=None, learn=True, every=0):
+    def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES):
         """Feeds states x (K+1, n) and inputs u (K, m) through the estimator; returns a dict of traces.
 
-        usable (K): which transitions may be learned from and scored. Traces have one row for each
-        transition: error, predicted (n), innovation, status, gated, positive_definite, trace,
-        min_diagonal, norm_a, norm_b, norm_p; with every > 0 also theta and covariance before
-        each transition k with k % every == 0.
+        usable (K): which transitions may be learned from and scored. traces: names of TRACES, all by
+        default; predicted has n columns. norm_a, norm_b, norm_p and positive_definite cost many times the
+        update, so long replays name the others. With every > 0 also theta and covariance before each
+        transition k with k % every == 0.
         """
         x, u = _in(x, self.n), _in(u, self.m)
         K = len(u)
         if len(x) != K + 1:
             raise ValueError(f"{len(x)} states do not go with {K} inputs")
-        out = {name: np.empty(K) for name in ("error", "innovation", "trace", "min_diagonal")}
-        out |= {name: np.empty(K) for name in ("norm_a", "norm_b", "norm_p")}
-        out |= {name: np.empty(K, np.int32) for name in ("status", "gated", "positive_definite")}
-        out["predicted"] = np.empty((K, self.n))
+        if unknown := set(traces) - set(TRACES):
+            raise ValueError(f"there are no traces named {sorted(unknown)}, only {TRACES}")
+        out = {name: np.empty(K, np.int32 if name in _FLAGS else np.float64) for name in traces if name != "predicted"}
+        if "predicted" in traces:
+            out["predicted"] = np.empty((K, self.n))
         if every:
             count = -(-K // every)
             out["theta"] = np.empty((count, self.N, self.d))

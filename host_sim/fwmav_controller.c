@@ -1,0 +1,74 @@
+/* Attitude estimate and attitude loops of the flapping-wing vehicle. */
+#include "fwmav_controller.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double TURN = 6.283185307179586;
+
+/* ---- Attitude estimate ---------------------------------------------------------- */
+
+static void angles(estimate *e) {
+	double R[3][3];
+	quaternion_to_matrix(e->q, R);
+	e->pitch = asin(fmax(-1, fmin(1, -R[2][0])));
+	e->roll = atan2(R[2][1], R[2][2]);
+	e->yaw = atan2(R[1][0], R[0][0]);
+	const double c = cos(e->pitch);
+	e->yaw_rate = (sin(e->roll) * e->rate[1] + cos(e->roll) * e->rate[2]) / fmax(c, 0.01);
+}
+
+void estimate_set(estimate *e, double pitch, double roll, double yaw) {
+	const double cp = cos(0.5 * pitch), sp = sin(0.5 * pitch), cr = cos(0.5 * roll), sr = sin(0.5 * roll);
+	const double cy = cos(0.5 * yaw), sy = sin(0.5 * yaw);
+	e->q[0] = cr * cp * cy + sr * sp * sy;
+	e->q[1] = sr * cp * cy - cr * sp * sy;
+	e->q[2] = cr * sp * cy + sr * cp * sy;
+	e->q[3] = cr * cp * sy - sr * sp * cy;
+	e->pitch = pitch;
+	e->roll = roll;
+	e->yaw = yaw;
+}
+
+void estimate_step(estimate *e, const double *gyro, const double *felt, double dt) {
+	static const double KP = 0.4, KI = 0.001; /* 1/s, 1/s^2 */
+	double R[3][3], turn[3], slope[4];
+	quaternion_to_matrix(e->q, R);
+	/* from the vertical as estimated to the one that is felt */
+	const double *up = R[2];
+	const double off[3] = {felt[1] * up[2] - felt[2] * up[1], felt[2] * up[0] - felt[0] * up[2],
+	                       felt[0] * up[1] - felt[1] * up[0]};
+	for (size_t i = 0; i < 3; i++) {
+		e->bias[i] += KI * off[i] * dt;
+		e->rate[i] = gyro[i] + e->bias[i];
+		turn[i] = e->rate[i] + KP * off[i];
+	}
+	quaternion_derivative(e->q, turn, slope);
+	for (size_t i = 0; i < 4; i++) { e->q[i] += dt * slope[i]; }
+	quaternion_normalise(e->q);
+	angles(e);
+}
+
+/* ---- Loops ---------------------------------------------------------------------- */
+
+/* Sizes of p and d as the Flapper's in the Crazyflie firmware, in radians; i chosen. */
+static const loop at_rest[SERVOS] = {
+    [DIHEDRAL] = {.p = 0.25, .i = 0.1, .d = 0.04, .cutoff = 20, .most = 0.31},
+    [TWIST] = {.p = 0.30, .i = 0.1, .d = 0.01, .cutoff = 5, .most = 0.5},
+    [SHARE] = {.p = 0.40, .i = 0.5, .d = 0.05, .cutoff = 20, .most = 0.3},
+};
+
+void loops_start(loop *loops) {
+	memcpy(loops, at_rest, sizeof at_rest);
+}
+
+static double limited(double value, double most) {
+	return fmax(-most, fmin(most, value));
+}
+
+double loop_step(loop *l, double asked, double angle, double rate, double dt) {
+	const double off = remainder(asked - angle, TURN);
+	l->rate += (1 - exp(-TURN * l->cutoff * dt)) * (rate - l->rate);
+	l->sum = limited(l->sum + l->i * off * dt, 0.5 * l->most);
+	return limited(l->p * off + l->sum - l->d * l->rate, l->most);
+}

@@ -1,4 +1,4 @@
-"""One full update, side by side: TinyKoop, Eigen, NumPy and padasip.
+"""One full update, side by side: TinyKoop, Eigen, NumPy and padasip; and the replay of a whole log.
 
 The native programs of tools/bench time TinyKoop and Eigen in turns within one
 process; the Python peers take their turn between the programs' runs. Times are
@@ -13,7 +13,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from . import native, plots, results
+from . import native, plots, replay, results, scenario, sim, transfer
 from .errors import UserError
 
 ROUNDS = 10  # every contender has a turn in each
@@ -26,9 +26,16 @@ PYTHON_UPDATES = 192  # updates per Python measurement
 PROGRAMS = {"bench_O3": "", "bench_O2": "_O2", "bench_O3_contract": "_contract"}
 PRECISIONS = ("f32", "f64")
 
+FLIGHT_SECONDS = 300  # of the log that is replayed: as long as the simulated battery lasts
+REPLAY_REPEATS = 7
+REPLAY_DICTIONARIES = ("poly_fwmav", "rbf_fwmav", "wide_fwmav")  # N = 20, 30, 40
+REPLAY_REGULATORS = ("none", *scenario.REGULATORS)
+REPLAY_FORMS = {"plain": "", "sqrt": "_sqrt"}  # and what their rows are called
+NUMPY_ROWS = 500  # of that log: soon after, the textbook's P is lost in float32
+
 
 def run(out_dir, build_dir):
-    """Measures everything; writes bench_rls.png; returns rows of bench.json, all times in ns per call."""
+    """Measures everything; writes bench_rls.png; returns rows of bench.json, all times in ns per call or sample."""
     programs = {name: native.program(build_dir, name) for name in PROGRAMS}
     data = {name: native.read(path, "data") for name, path in programs.items()}
     facts = {name: lines[-1] for name, lines in data.items()}
@@ -44,7 +51,9 @@ def run(out_dir, build_dir):
     rows = rows_of(times, facts, versions)
     plot(rows, out_dir / "bench_rls.png")
     show(rows)
-    return rows
+    replays = replay_rows(*flight(), f"{facts['bench_O2']['compiler']} {facts['bench_O2']['flags']}, ours -ffp-contract=off")
+    show_replays(replays)
+    return rows + replays
 
 
 class NumpyRls:
@@ -244,3 +253,101 @@ def plot(rows, path):
     )
     axes.legend(ncols=3, fontsize=8, frameon=False)
     plots.save(figure, path)
+
+
+# ---- the whole replay ------------------------------------------------------------------------
+
+
+def flight():
+    """States (K+1, 10) and commands (K, 1) of one long simulated flight, low-passed as in `make transfer`."""
+    log, _ = sim.fwmav("pitch", FLIGHT_SECONDS, 1)
+    x, u = transfer.filtered(replay.unwrapped(log, "fwmav"))
+    return x, u[:-1]
+
+
+def _estimator(dictionary, regulator, form, precision=32):
+    return sim.Estimator(
+        dictionary, regulator, precision, form=form, n_inputs=1, lam=transfer.LAMBDA, delta=transfer.DELTA, check=sim.CHECK_DIAGONAL
+    )
+
+
+def _numpy_replay(dictionary, x, u):
+    """Function returning ns of the process per sample of NumPy's vanilla update in float32, of rows that come lifted.
+
+    Checked to learn what TinyKoop does, in float64.
+    """
+    x, u = x[: NUMPY_ROWS + 1], u[:NUMPY_ROWS]
+
+    def learn(precision):
+        ours = _estimator(dictionary, "ef", "sqrt", precision)
+        psi = ours.lift(x).astype(ours.dtype)
+        zeta = np.concatenate([psi[:-1], u], axis=1, dtype=ours.dtype, casting="same_kind")
+        rls = NumpyRls(ours.dtype, ours.N, ours.d, transfer.LAMBDA, 100.0)
+        start = time.process_time_ns()
+        for k in range(len(u)):
+            rls.update(zeta[k], psi[k + 1])
+        spent = (time.process_time_ns() - start) / len(u)
+        ours.replay(x, u, traces=())
+        return spent, abs(rls.theta - ours.theta).max() / abs(ours.theta).max()
+
+    difference = learn(64)[1]
+    if not difference <= 1e-8:
+        raise UserError(f"NumPy learns something else than TinyKoop from {dictionary}: Theta differs by {difference:.3g} of its largest")
+    return lambda: learn(32)[0]
+
+
+def replay_rows(x, u, flags, repeats=REPLAY_REPEATS):
+    """Rows of bench.json: ns of the process per sample from lift to update, float32, and samples per second.
+
+    refused and gated are shares of the samples: either costs less than a sample that is learned from. NumPy is the
+    peer of vanilla in the square-root form, which refuses nothing.
+    """
+    jobs = [(d, r, f) for d in REPLAY_DICTIONARIES for r in REPLAY_REGULATORS for f in REPLAY_FORMS]
+    numpy_of = {dictionary: _numpy_replay(dictionary, x, u) for dictionary in REPLAY_DICTIONARIES}
+    times, peers = {job: [] for job in jobs}, {dictionary: [] for dictionary in REPLAY_DICTIONARIES}
+    for _ in range(repeats):
+        for job in jobs:
+            estimator = _estimator(*job)
+            start = time.process_time_ns()
+            estimator.replay(x, u, traces=("error",))
+            times[job].append((time.process_time_ns() - start) / len(u))
+        for dictionary, measure in numpy_of.items():
+            peers[dictionary].append(measure())
+    rows = []
+    for (dictionary, regulator, form), ours in times.items():
+        estimator = _estimator(dictionary, regulator, form)
+        seen = estimator.replay(x, u, traces=("status", "gated"))
+        task = f"replay_f32_N{estimator.N}_{regulator}{REPLAY_FORMS[form]}"
+        if (regulator, form) == ("ef", "sqrt"):
+            row = compare(task, ours, peers[dictionary], "NumPy, update only", version("numpy"), flags)
+        else:
+            row = {"task": task, "unit": "ns", "ours": round(statistics.median(ours), 2)}
+            row |= {"peer": None, "peer_name": None, "peer_version": None, "ratio": None, "flags": flags}
+        row["samples_per_second"] = round(1e9 / row["ours"])
+        row |= {"refused": float((seen["status"] < 0).mean()), "gated": float(seen["gated"].mean())}
+        rows.append(row)
+    return rows
+
+
+def show_replays(rows):
+    """Samples per second on the terminal, one line a regulator."""
+    row = {r["task"]: r for r in rows}
+    sizes = sorted({int(r["task"].split("_")[2][1:]) for r in rows})
+    columns = [(N, form) for N in sizes for form in REPLAY_FORMS]
+
+    def cell(N, regulator, form):
+        r = row[f"replay_f32_N{N}_{regulator}{REPLAY_FORMS[form]}"]
+        lost = f" ({100 * r['refused']:.0f})" if r["refused"] >= 0.005 else ""
+        return f"{r['samples_per_second'] / 1e6:.2f}{lost}"
+
+    lines = [[scenario.LABELS[g], *(cell(N, g, form) for N, form in columns)] for g in REPLAY_REGULATORS]
+    ratios = ", ".join(f"{row[f'replay_f32_N{N}_ef_sqrt']['ratio']:.1f} (N = {N})" for N in sizes)
+    gated = [100 * r["gated"] for r in rows if "_dz_" in r["task"] and r["task"].endswith("_sqrt")]
+    results.print_table(
+        "Replay of a log from lift to update, float32, one core: million samples per second",
+        ["regulator", *(f"N = {N}, {form}" for N, form in columns)],
+        lines,
+        "In brackets: percent of the samples that were refused, which costs less than learning from them.\n"
+        f"So does what dead zones gate: {min(gated):.0f} to {max(gated):.0f} % of the samples, in the square-root form.\n"
+        f"Vanilla, square root, against NumPy's update alone: {ratios} times as fast.",
+    )

@@ -1,0 +1,131 @@
+"""The replay and its benchmark: what is asked of a replay does not change what it does, and its figures are what they say."""
+
+import json
+
+import numpy as np
+import pytest
+from tinykoop import bench_rls, sim
+from tinykoop.errors import UserError
+
+K = 203
+
+
+@pytest.fixture(scope="module")
+def log():
+    """(x, u, usable) of a robot, with a masked row, a command that is not a number and a state beyond float32."""
+    k = np.arange(K)
+    u = np.stack([1.5 + 0.3 * np.sin(0.1 * k), 0.6 * np.cos(0.08 * k)], axis=1)
+    x = sim.simulate(u, 0.05, active=[sim.usual_effect("stribeck_friction")])
+    usable = np.ones(K, bool)
+    x[50], usable[49:51] = np.nan, False
+    u[90, 0] = np.nan
+    x[120, 1] = 1e200
+    return x, u, usable
+
+
+def replayed(log, form, precision, regulator, rows=K, **asked):
+    """(estimator, traces) of the first rows of the log."""
+    x, u, usable = log
+    estimator = sim.Estimator("rbf_ddr", regulator, precision, form=form)
+    return estimator, estimator.replay(x[: rows + 1], u[:rows], usable[:rows], **asked)
+
+
+def same_bits(a, b):
+    return a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+CELLS = [
+    (form, precision, regulator) for form in ("plain", "sqrt", "textbook") for precision in (32, 64) for regulator in ("dz_cs", "sift")
+]
+
+
+@pytest.mark.parametrize("cell", CELLS, ids=lambda cell: "-".join(map(str, cell)))
+def test_traces_not_asked_for_change_nothing(log, cell):
+    """Each trace alone, and none, bit for bit; Theta and P too. The log has what is skipped, refused and gated."""
+    full, everything = replayed(log, *cell, every=40)
+    assert set(everything) == {*sim.TRACES, "theta", "covariance"}
+    assert {1, 0, -5, -6} >= set(everything["status"]) >= {1, 0, -5}
+    assert cell[2] != "dz_cs" or 0 < everything["gated"].sum() < K
+    for asked in [(), *((name,) for name in sim.TRACES)]:
+        estimator, traces = replayed(log, *cell, traces=asked)
+        assert set(traces) == set(asked)
+        for name in asked:
+            assert same_bits(traces[name], everything[name]), name
+        assert same_bits(estimator.theta, full.theta) and same_bits(estimator.covariance, full.covariance), asked
+
+
+@pytest.mark.parametrize("rows", [1, 7, 8, 9, 16])
+def test_a_shorter_log_gives_the_beginning_of_the_traces(log, rows):
+    """Norms are taken of several steps at once, and none is forgotten at the end."""
+    _, everything = replayed(log, "plain", 64, "ef")
+    for name, values in replayed(log, "plain", 64, "ef", rows)[1].items():
+        assert same_bits(values, everything[name][:rows]), name
+
+
+def test_an_unknown_trace_is_refused(log):
+    with pytest.raises(ValueError, match="norm_q"):
+        replayed(log, "plain", 64, "ef", traces=("error", "norm_q"))
+
+
+# ---- benchmark ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision, tolerance", [(32, 1e-6), (64, 1e-15)])
+def test_the_wide_dictionary_is_wide(precision, tolerance):
+    """N = 40: rbf_fwmav, then every square and product of the four rates once."""
+    x = np.random.default_rng(7).normal(size=(20, 10))
+    wide, narrow = (sim.Estimator(name, "ef", precision, n_inputs=1) for name in ("wide_fwmav", "rbf_fwmav"))
+    assert (wide.n, wide.N, narrow.N) == (10, 40, 30)
+    psi = wide.lift(x)
+    assert np.array_equal(psi[:, :30], narrow.lift(x))
+    rates = x[:, [0, 1, 2, 9]]
+    products = {(i, j): rates[:, i] * rates[:, j] for i in range(4) for j in range(i + 1)}
+    assert np.allclose(psi[:, 30:], np.stack(list(products.values()), axis=1), rtol=tolerance, atol=0)
+
+
+@pytest.fixture(scope="module")
+def flight():
+    x, u = bench_rls.flight()
+    return x[: bench_rls.NUMPY_ROWS + 101], u[: bench_rls.NUMPY_ROWS + 100]
+
+
+def test_replay_rows(flight, capsys):
+    """Every dictionary, regulator and form once; rates, shares and ratios are those of the times and traces beside them."""
+    rows = bench_rls.replay_rows(*flight, "flags", repeats=1)
+    json.dumps(rows, allow_nan=False)
+    by_task = {row["task"]: row for row in rows}
+    assert len(by_task) == len(rows) == 3 * 6 * 2
+    for row in rows:
+        assert row["unit"] == "ns" and row["ours"] > 0
+        assert row["samples_per_second"] == pytest.approx(1e9 / row["ours"], rel=1e-3)
+        assert (row["peer"] is None) == (row["ratio"] is None)
+        assert row["peer"] is None or row["ratio"] == pytest.approx(row["peer"] / row["ours"], rel=1e-2)
+    assert [row["task"] for row in rows if row["peer"]] == [f"replay_f32_N{N}_ef_sqrt" for N in (20, 30, 40)]
+    assert not any(row["refused"] for task, row in by_task.items() if task.endswith("_sqrt"))
+
+    x, u = flight
+    theta, P, gated = np.zeros((40, 41)), 100.0 * np.eye(41), 0
+    psi = sim.Estimator("wide_fwmav", "ef", 64, n_inputs=1).lift(x)
+    for z, target in zip(np.column_stack([psi[:-1], u]), psi[1:]):
+        missed, g = target - theta @ z, P @ z
+        theta += np.outer(missed, g / (0.995 + z @ g))
+        if np.linalg.norm(missed) > 1:
+            P = (P - np.outer(g, g) / (0.995 + z @ g)) / 0.995
+            P = (P + P.T) / 2
+        else:
+            gated += 1
+    assert by_task["replay_f32_N40_dz_cs_sqrt"]["gated"] == pytest.approx(gated / len(u), abs=0.02)
+
+    bench_rls.show_replays(rows)
+    shown = capsys.readouterr().out
+    assert "N = 40, sqrt" in shown and f"{by_task['replay_f32_N40_none']['samples_per_second'] / 1e6:.2f}" in shown
+
+
+def test_a_peer_that_learns_something_else_is_refused(flight, monkeypatch):
+    class Forgetful(bench_rls.NumpyRls):
+        def __init__(self, dtype, n_lifted, n_regressors, forgetting, p0):
+            super().__init__(dtype, n_lifted, n_regressors, forgetting - 1e-4, p0)
+
+    monkeypatch.setattr(bench_rls, "NumpyRls", Forgetful)
+    with pytest.raises(UserError, match="NumPy learns something else"):
+        bench_rls.replay_rows(*flight, "flags", repeats=1)

@@ -65,8 +65,8 @@ ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: abla
 windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
 	@$(TINYKOOP) windup
 
-diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, PLATFORM=ddr): diagnose/report.json, report.html
-	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [PLATFORM=ddr]" >&2; exit 2; }
+diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, PLATFORM=ddr or fwmav): diagnose/report.json, report.html
+	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [PLATFORM=fwmav]" >&2; exit 2; }
 	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(PLATFORM),--platform "$(PLATFORM)")
 
 # What the blind check needs beside the diagnoser: its peers, and a way to all cores.
@@ -75,8 +75,8 @@ $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $
 	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-blind.txt -r tools/requirements-peers.txt
 	@touch $@
 
-blind: build $(VENV)/blind-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=): blind.json
-	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) blind $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
+blind: build $(VENV)/blind-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=, PLATFORM=fwmav): blind.json
+	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
 
 study: build ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
 	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")

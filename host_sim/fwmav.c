@@ -97,20 +97,23 @@ static void add_cross(const double *a, const double *b, double *sum) {
 
 /* ---- Forces ------------------------------------------------------------------- */
 
+typedef struct servo_angles {
+	double sin_dihedral, cos_dihedral, sin_twist, cos_twist;
+} servo_angles;
+
 /* Adds force and moment of one wing, in body axes. Thrust goes with the beat squared and leans
  * with the twist; drag goes with the beat and with how the centre of pressure moves through the
  * air, so that it damps turning too (flapping counter-torque). */
-static void add_wing(const fwmav_signal *signal, const double *state, const double *air, int right,
-                     double *force, double *moment) {
+static void add_wing(const fwmav_signal *signal, const double *state, const servo_angles *servo,
+                     const double *air, int right, double *force, double *moment) {
 	const double side = right ? -1 : 1, beat = state[BEAT] + signal->turbulence[6];
-	const double dihedral = state[SERVO + 2 * DIHEDRAL], twist = state[SERVO + 2 * TWIST];
 	const double share = state[SERVO + 2 * SHARE];
-	const double at[3] = {-ARM * sin(dihedral), side * ARM * cos(dihedral), HEIGHT};
+	const double at[3] = {-ARM * servo->sin_dihedral, side * ARM * servo->cos_dihedral, HEIGHT};
 	const double thrust = 0.5 * MASS * GRAVITY * (beat / HOVER_BEAT) * (beat / HOVER_BEAT) *
 	                      (1 + side * share) * signal->thrust[right];
 	double moving[3] = {air[0], air[1], air[2]};
 	add_cross(state + SPIN, at, moving);
-	double wing[3] = {-side * thrust * sin(twist), 0, thrust * cos(twist)};
+	double wing[3] = {-side * thrust * servo->sin_twist, 0, thrust * servo->cos_twist};
 	for (size_t i = 0; i < 3; i++) {
 		wing[i] -= signal->damping * beat * DRAG[i] * moving[i];
 		force[i] += wing[i];
@@ -121,6 +124,7 @@ static void add_wing(const fwmav_signal *signal, const double *state, const doub
 /* Adds the shaking of the beat: forces, and the moments that make the body sway. */
 static void add_shaking(const fwmav_signal *signal, const double *state, double *force, double *moment) {
 	const double share = state[BEAT] / HOVER_BEAT, scale = signal->vibration * share * share;
+	if (scale == 0) { return; }
 	for (size_t h = 0; h < HARMONICS; h++) {
 		const double order = (double)(h + 1), c = cos(order * state[PHASE]), s = sin(order * state[PHASE]);
 		const double band = 2 * PI * HOVER_BEAT * order; /* rad/s */
@@ -152,8 +156,10 @@ void fwmav_derivative(const fwmav_signal *signal, const double *state, double *d
 		air[i] = R[0][i] * (velocity[0] - signal->wind[0]) + R[1][i] * (velocity[1] - signal->wind[1]) +
 		         R[2][i] * velocity[2];
 	}
-	add_wing(signal, state, air, 0, force, moment);
-	add_wing(signal, state, air, 1, force, moment);
+	const double dihedral = state[SERVO + 2 * DIHEDRAL], twist = state[SERVO + 2 * TWIST];
+	const servo_angles servo = {sin(dihedral), cos(dihedral), sin(twist), cos(twist)};
+	add_wing(signal, state, &servo, air, 0, force, moment);
+	add_wing(signal, state, &servo, air, 1, force, moment);
 	add_shaking(signal, state, force, moment);
 
 	const double momentum[3] = {INERTIA[0] * spin[0], INERTIA[1] * spin[1], INERTIA[2] * spin[2]};

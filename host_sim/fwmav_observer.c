@@ -122,13 +122,13 @@ static void read_imu(const fwmav_signal *signal, const observed *o, double *imu)
 static void advance(const follower *f, size_t k, observed *o, double *sensed) {
 	const double kept = exp(-f->dt / LASTING), held = exp(-f->dt / CLIMBING);
 	double imu[6], up[3];
-	for (size_t j = 0; j < f->ticks; j++) {
-		const size_t tick = k * f->ticks + j;
-		fwmav_signal signal = signal_in(f, tick, o);
+	fwmav_signal signal = signal_in(f, k * f->ticks, o);
+	for (size_t tick = k * f->ticks; tick < (k + 1) * f->ticks; tick++) {
 		for (size_t i = 0; i < SERVOS; i++) { signal.servo[i] = f->asked[tick][i]; }
 		fwmav_step(&signal, TICK, o->state);
 		for (size_t i = 0; i < 6; i++) { o->air[i] *= kept; }
 		o->lift *= held;
+		signal = signal_in(f, tick + 1, o);
 		read_imu(&signal, o, imu);
 		for (size_t i = 0; i < 3; i++) { up[i] = imu[3 + i] / f->felt; }
 		estimate_step(&o->estimate, imu, up, f->dt);

@@ -49,9 +49,11 @@ def parser():
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
-    gap.add_argument("--platform", choices=("ddr",), default="ddr")
+    gap.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
+    gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
+    blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
     blind.add_argument("--seed", type=int, default=1)
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
@@ -70,6 +72,10 @@ def parser():
     play = add("replay", "a log through the eleven methods, both precisions and forms")
     play.add_argument("log")
     play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+
+    when = add("changes", "when something changed, as wind that comes, from the innovations of one log")
+    when.add_argument("log")
+    when.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
 
     summary = "a log of a Crazyflie, PX4 or ROS 2 to the CSV that the other commands read (docs/convert.md)"
     convert = commands.add_parser("convert", help=summary, description=summary)
@@ -108,6 +114,10 @@ def dispatch(a):
         from . import replay
 
         replay.run_log(a.log, a.out, a.platform)
+    elif a.command == "changes":
+        from . import changes
+
+        changes.run(a.log, a.out, a.platform)
     elif a.command == "fit":
         from . import fit
 
@@ -127,11 +137,12 @@ def dispatch(a):
     elif a.command == "diagnose":
         from . import diagnose
 
-        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.platform, a.without)
+        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.platform, a.without, a.healthy)
     elif a.command == "blind":
         from . import blind
+        from .blind import flights
 
-        blind.run(a.out, a.n, a.seed, a.cluster, a.jobs)
+        (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs)
     elif a.command == "size":
         from . import size
 

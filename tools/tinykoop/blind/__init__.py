@@ -47,7 +47,7 @@ class Command:
         taken = [part for name in without for part in ("--without", name)]
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONPATH": str(TOOLS)}
         done = subprocess.run(
-            [*self.command, str(log), "--fresh", str(fresh), "--out", str(out), *taken], env=environment,
+            [*self.command, str(log), *(("--fresh", str(fresh)) if fresh else ()), "--out", str(out), *taken], env=environment,
             stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT,
         )  # fmt: skip
         if done.returncode != 0:
@@ -66,11 +66,12 @@ def others():
 
 
 def diagnose(key, diagnoser, log, fresh, without):
-    """(key, run) of one log, given as bytes so that a cluster needs no shared folder. Nothing is raised."""
+    """(key, run) of one log, given as bytes so that a cluster needs no shared folder. fresh may be None. Nothing is raised."""
     with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / name for name in ("log.csv", "fresh.csv")]
+        paths = [Path(folder) / name if data else None for name, data in (("log.csv", log), ("fresh.csv", fresh))]
         for path, data in zip(paths, (log, fresh)):
-            path.write_bytes(data)
+            if path:
+                path.write_bytes(data)
         report, error, start = None, None, time.perf_counter()
         try:
             report = diagnoser(*paths, without=tuple(without))

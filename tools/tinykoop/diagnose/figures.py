@@ -24,7 +24,7 @@ SHORTEST = 2  # steps of a prediction worth drawing
 # ---- drawing -------------------------------------------------------------------------------------
 
 
-def _ticks(low, high, most=5):
+def round_numbers(low, high, most=5):
     """Round numbers in low..high and how many decimals they need."""
     span = high - low
     if not span > 0:
@@ -38,7 +38,7 @@ def _ticks(low, high, most=5):
     )
 
 
-def _range(values, pad=0.05):
+def extent(values, pad=0.05):
     """Lowest and highest of what is finite, with some room."""
     values = np.asarray(values, float).ravel()
     values = values[np.isfinite(values)]
@@ -47,23 +47,23 @@ def _range(values, pad=0.05):
     return low - room, high + room
 
 
-def _svg(height, label, *parts):
+def svg(height, label, *parts):
     return f'<svg viewBox="0 0 {WIDTH} {height:.0f}" role="img" aria-label="{escape(label)}">{"".join(parts)}</svg>'
 
 
-def _text(x, y, text, kind="", anchor="start"):
+def note(x, y, text, kind="", anchor="start"):
     return f'<text x="{x:.1f}" y="{y:.1f}" class="{kind}" text-anchor="{anchor}">{escape(str(text))}</text>'
 
 
-def _rect(x, y, width, height, kind):
+def rect(x, y, width, height, kind):
     return f'<rect x="{x:.1f}" y="{y:.1f}" width="{max(width, 0):.1f}" height="{max(height, 0):.1f}" class="{kind}"/>'
 
 
-def _stroke(x0, y0, x1, y1, kind):
+def stroke(x0, y0, x1, y1, kind):
     return f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" class="{kind}"/>'
 
 
-class _Panel:
+class Panel:
     """Axes in a box (left, top, width, height) px; equal: a metre is as long both ways."""
 
     def __init__(self, box, x, y, equal=False):
@@ -97,37 +97,37 @@ class _Panel:
         """Grid, numbers and labels."""
         out = []
         base = self.top + self.height
-        for axis, (ticks, places) in (("x", _ticks(*self.x, x_ticks)), ("y", _ticks(*self.y, y_ticks))):
+        for axis, (ticks, places) in (("x", round_numbers(*self.x, x_ticks)), ("y", round_numbers(*self.y, y_ticks))):
             for value in ticks:
                 number = f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
                 if axis == "x":
                     at = float(self.px(value))
-                    out.append(_stroke(at, self.top, at, base, "grid"))
+                    out.append(stroke(at, self.top, at, base, "grid"))
                     if x_label is not None:
-                        out.append(_text(at, base + 15, number, "tick", "middle"))
+                        out.append(note(at, base + 15, number, "tick", "middle"))
                 else:
                     at = float(self.py(value))
-                    out.append(_stroke(self.left, at, self.left + self.width, at, "grid"))
-                    out.append(_text(self.left - 5, at + 4, number, "tick", "end"))
+                    out.append(stroke(self.left, at, self.left + self.width, at, "grid"))
+                    out.append(note(self.left - 5, at + 4, number, "tick", "end"))
         if x_label:
-            out.append(_text(self.left + self.width / 2, base + 32, x_label, "label", "middle"))
+            out.append(note(self.left + self.width / 2, base + 32, x_label, "label", "middle"))
         if y_label:
-            out.append(_text(self.left - 36, self.top - 8, y_label, "label"))
+            out.append(note(self.left - 36, self.top - 8, y_label, "label"))
         return "".join(out)
 
 
-def _legend(x, y, entries):
+def legend(x, y, entries):
     """Keys in a row: [(class, text)], a class of lines or one of bars."""
     out = []
     for kind, text in entries:
         bar = kind.startswith("bar")
-        out.append(_rect(x, y - 9, 18, 10, kind) if bar else _stroke(x, y - 4, x + 22, y - 4, kind))
-        out.append(_text(x + 27, y, text))
+        out.append(rect(x, y - 9, 18, 10, kind) if bar else stroke(x, y - 4, x + 22, y - 4, kind))
+        out.append(note(x + 27, y, text))
         x += 27 + TEXT * len(text) + 16
     return "".join(out)
 
 
-def _bars(entries, label, zero_is_floor=True):
+def bars(entries, label, zero_is_floor=True):
     """Horizontal bars: [(name, value, text, class)]; an entry of one string is a heading."""
     values = [entry[1] for entry in entries if len(entry) > 1 and math.isfinite(entry[1])]
     most = max([v for v in values if v > 0], default=1.0)
@@ -138,18 +138,18 @@ def _bars(entries, label, zero_is_floor=True):
     y, out = 4, []
     for entry in entries:
         if len(entry) == 1:
-            out.append(_text(0, y + 14, entry[0], "strong"))
+            out.append(note(0, y + 14, entry[0], "strong"))
             y += 20
             continue
         name, value, text, kind = entry
         size = max(value, 0) / most * room if math.isfinite(value) else 0
         out.append(
-            _text(left - 6, y + 12, name, "", "end")
-            + _rect(left, y + 1, size, 13, kind)
-            + _text(left + size + 5, y + 12, text)
+            note(left - 6, y + 12, name, "", "end")
+            + rect(left, y + 1, size, 13, kind)
+            + note(left + size + 5, y + 12, text)
         )
         y += 18
-    return _svg(y + 4, label, *out)
+    return svg(y + 4, label, *out)
 
 
 # ---- figures -------------------------------------------------------------------------------------
@@ -169,7 +169,7 @@ def gap(gap, report, label, size=words.length):
             if part != "after" or with_effects:
                 value = words.real(gap[part][key])
                 rows.append((text, value, size(value), kind))
-    return _bars(rows, label)
+    return bars(rows, label)
 
 
 def ranking(report, label, most=8):
@@ -178,23 +178,23 @@ def ranking(report, label, most=8):
     rows = [r for r in report["ranking"] if words.real(r["score"]) >= 0.005 or r["name"] in found][:most]
     kinds = ["bar-after" if r["name"] in found else "bar-floor" for r in rows]
     scores = [words.real(r["score"]) for r in rows]
-    return _bars([(words.title(r["name"]), s, f"{s:.2f}", kind) for r, s, kind in zip(rows, scores, kinds)], label)
+    return bars([(words.title(r["name"]), s, f"{s:.2f}", kind) for r, s, kind in zip(rows, scores, kinds)], label)
 
 
-def contributions(report, label):
-    """Bars of how much the error grows without each effect."""
+def contributions(report, label, size=words.length):
+    """Bars of how much each effect is worth."""
     key = words.horizon(report["gap"])
     rows = [
-        (words.title(name), words.real(rise[key]), words.length(rise[key]), "bar-after")
+        (words.title(name), words.real(rise[key]), size(rise[key]), "bar-after")
         for name, rise in report["contributions"].items()
     ]
-    return _bars(rows, label)
+    return bars(rows, label)
 
 
 def channels(report, label):
     """Bars of the share of each direction."""
     shares = report["where"]["channels"]
-    return _bars([(name, words.real(part), words.percent(part), "bar-before") for name, part in shares.items()], label)
+    return bars([(name, words.real(part), words.percent(part), "bar-before") for name, part in shares.items()], label)
 
 
 def predictions(result):
@@ -231,16 +231,16 @@ def path(result):
     whole = log.x[:, :2].copy()
     whole[:-1][~log.usable] = np.nan
     whole = whole[:: max(1, len(whole) // MOST_POINTS)]
-    panel = _Panel(
+    panel = Panel(
         (44, 44, WIDTH - 54, 220),
-        _range(np.r_[whole[:, 0], before[..., 0].ravel()]),
-        _range(np.r_[whole[:, 1], before[..., 1].ravel()]),
+        extent(np.r_[whole[:, 0], before[..., 0].ravel()]),
+        extent(np.r_[whole[:, 1], before[..., 1].ravel()]),
         True,
     )
     keys = [("measured", "measured"), ("before", "before" if with_effects else "simulator")] + [
         ("after", "after")
     ] * with_effects
-    parts = [_legend(0, 14, keys), panel.frame("x (m)", "y (m)"), panel.line(*whole.T, "measured")]
+    parts = [legend(0, 14, keys), panel.frame("x (m)", "y (m)"), panel.line(*whole.T, "measured")]
     thin = max(1, steps // 10)
     for k in range(0, len(rows), max(1, len(rows) // 100)):
         parts.append(panel.line(*before[k, ::thin].T, "before thin"))
@@ -249,24 +249,33 @@ def path(result):
     for i, k in enumerate(worst):
         x, y = measured[k, 0]
         parts.append(f'<circle cx="{panel.px(x):.1f}" cy="{panel.py(y):.1f}" r="8" class="mark"/>')
-        parts.append(_text(panel.px(x), panel.py(y) + 4, i + 1, "strong", "middle"))
+        parts.append(note(panel.px(x), panel.py(y) + 4, i + 1, "strong", "middle"))
     top, each = 322, (WIDTH - 44) / ZOOMS
     for i, k in enumerate(worst):
         lines = [measured[k], before[k]] + [after[k]] * with_effects
         together = np.concatenate(lines)
-        zoom = _Panel((44 + i * each, top, each - 40, each - 40), _range(together[:, 0]), _range(together[:, 1]), True)
+        zoom = Panel((44 + i * each, top, each - 40, each - 40), extent(together[:, 0]), extent(together[:, 1]), True)
         parts.append(zoom.frame("x (m)" if i == 1 or len(worst) == 1 else "", "", 3, 3))
         parts.append(
-            _text(zoom.left, top - 8, f"{i + 1}: from {words.seconds(log.t[rows[k, 0]] - log.t[0])}", "strong")
+            note(zoom.left, top - 8, f"{i + 1}: from {words.seconds(log.t[rows[k, 0]] - log.t[0])}", "strong")
         )
         parts += [zoom.line(*line.T, kind) for line, kind in zip(lines, ("measured", "before", "after"))]
-    return caption, _svg(top + each if len(worst) else 310, caption, *parts)
+    return caption, svg(top + each if len(worst) else 310, caption, *parts)
 
 
 def time_line(result, label):
     """Error over time, the share of the gap of each part, and when each effect acts."""
-    report, log = result.report, result.log
+    report = result.report
     key = words.horizon(report["gap"])
+    j = [str(H) for H in HORIZONS].index(key) if key else 0
+    errors = result.before.position[:, j], result.after.position[:, j], result.floor[:, j, 0]
+    error = f"error {words.ahead(key, report)} (m)" if key else "error (m)"
+    return over_time(result, result.before.starts, errors, label, error, report["where"]["segments"])
+
+
+def over_time(result, starts, errors, label, error, segments):
+    """errors: before, after and floor of the windows from rows `starts`; segments: [(t0, t1, share of the gap)], if any."""
+    report, log = result.report, result.log
     end = words.real(report["log"]["seconds"])
     with_effects, left, width = bool(report["effects"]), 44, WIDTH - 60
     keys = (
@@ -274,56 +283,42 @@ def time_line(result, label):
         + [("after", "after")] * with_effects
         + [("floor", "noise floor")]
     )
-    parts = [_legend(0, 14, keys)]
-    j = [str(H) for H in HORIZONS].index(key) if key else 0
-    t = log.t[result.before.starts] - log.t[0]
-    lines = [
-        (result.before.position[:, j], "before noisy"),
-        (result.after.position[:, j], "after"),
-        (result.floor[:, j, 0], "floor"),
-    ]
-    lines = [line for line in lines if with_effects or line[1] != "after"]
-    high = _range(np.concatenate([values for values, _ in lines]))[1]
-    panel = _Panel((left, 52, width, 150), (0, end), (0, high))
-    alone = report["verdict"] == "none"
-    parts.append(
-        panel.frame("time (s)" if alone else None, f"error {words.ahead(key, report)} (m)" if key else "error (m)")
-    )
-    broken = (
-        np.flatnonzero(np.diff(result.before.starts) > 3 * np.median(np.diff(result.before.starts))) + 1
-        if len(t) > 2
-        else []
-    )
+    parts = [legend(0, 14, keys)]
+    t = log.t[starts] - log.t[0]
+    lines = [line for line in zip(errors, ("before noisy", "after", "floor")) if with_effects or line[1] != "after"]
+    high = extent(np.concatenate([values for values, _ in lines]))[1]
+    panel = Panel((left, 52, width, 150), (0, end), (0, high))
+    alone = report["verdict"] == "none" or not (segments or with_effects)
+    parts.append(panel.frame("time (s)" if alone else None, error))
+    broken = np.flatnonzero(np.diff(starts) > 3 * np.median(np.diff(starts))) + 1 if len(t) > 2 else []
     for values, kind in lines:
         parts.append(panel.line(np.insert(t, broken, np.nan), np.insert(values, broken, np.nan), kind))
     if alone:
-        return _svg(240, label, *parts)
-    cuts = sorted({words.real(s) for segment in report["where"]["segments"] for s in segment[:2]})[1:-1]
-    share = _Panel(
-        (left, 240, width, 60),
-        (0, end),
-        (0, 1.15 * max([words.real(s[2]) for s in report["where"]["segments"]] + [0.01]) * 100),
-    )
-    bottom = 300 + 34 * len(report["effects"])
-    parts.append(share.frame(None if with_effects else "time (s)", "share of the gap (%)", 5, 2))
-    for a, b, part in report["where"]["segments"]:
-        x0, x1, y = share.px(words.real(a)), share.px(min(words.real(b), end)), share.py(100 * words.real(part))
-        parts.append(_rect(x0 + 0.5, y, x1 - x0 - 1, 300 - y, "bar-before"))
-    for cut in cuts:
-        parts.append(_stroke(float(panel.px(cut)), panel.top, float(panel.px(cut)), bottom, "cut"))
+        return svg(240, label, *parts)
+    base = panel.top + panel.height
+    if segments:
+        base = 300
+        most = 1.15 * max([words.real(s[2]) for s in segments] + [0.01]) * 100
+        share = Panel((left, 240, width, 60), (0, end), (0, most))
+        parts.append(share.frame(None if with_effects else "time (s)", "share of the gap (%)", 5, 2))
+        for a, b, part in segments:
+            x0, x1, y = share.px(words.real(a)), share.px(min(words.real(b), end)), share.py(100 * words.real(part))
+            parts.append(rect(x0 + 0.5, y, x1 - x0 - 1, base - y, "bar-before"))
+    bottom = base + 34 * len(report["effects"])
+    for cut in sorted({words.real(s) for segment in segments for s in segment[:2]})[1:-1]:
+        parts.append(stroke(float(panel.px(cut)), panel.top, float(panel.px(cut)), bottom, "cut"))
     if not with_effects:
-        return _svg(336, label, *parts)
+        return svg(336, label, *parts)
     for i, effect in enumerate(report["effects"]):
-        y = 318 + 34 * i
-        parts.append(_text(left, y + 8, f"{words.title(effect['name'])}: {words.acts(effect, report)}"))
+        y = base + 18 + 34 * i
+        parts.append(note(left, y + 8, f"{words.title(effect['name'])}: {words.acts(effect, report)}"))
         for a, b in effect["segments"]:
-            x0, x1 = share.px(max(words.real(a), 0)), share.px(min(words.real(b), end))
-            parts.append(_rect(x0, y + 12, x1 - x0, 11, "bar-after"))
-    base = _Panel((left, 300, width, 34 * len(report["effects"]) + 14), (0, end), (0, 1))
-    ticks, places = _ticks(0, end)
-    parts += [_text(float(base.px(v)), base.top + base.height + 15, f"{v:.{places}f}", "tick", "middle") for v in ticks]
-    parts.append(_text(left + width / 2, base.top + base.height + 32, "time (s)", "label", "middle"))
-    return _svg(base.top + base.height + 38, label, *parts)
+            x0, x1 = panel.px(max(words.real(a), 0)), panel.px(min(words.real(b), end))
+            parts.append(rect(x0, y + 12, x1 - x0, 11, "bar-after"))
+    ticks, places = round_numbers(0, end)
+    parts += [note(float(panel.px(v)), bottom + 29, f"{v:.{places}f}", "tick", "middle") for v in ticks]
+    parts.append(note(left + width / 2, bottom + 46, "time (s)", "label", "middle"))
+    return svg(bottom + 52, label, *parts)
 
 
 def drive(advice, dt, names, label):
@@ -333,7 +328,7 @@ def drive(advice, dt, names, label):
     parts = []
     for i, (name, unit) in enumerate(zip(names, ("m/s", "rad/s"))):
         held = np.repeat(commands[:, i], 2)
-        low, high = _range(held, 0.15)
-        panel = _Panel((44, 26 + 145 * i, WIDTH - 60, 92), (0, t[-1]), (min(low, 0), max(high, 0)))
+        low, high = extent(held, 0.15)
+        panel = Panel((44, 26 + 145 * i, WIDTH - 60, 92), (0, t[-1]), (min(low, 0), max(high, 0)))
         parts += [panel.frame("time (s)" if i else "", f"{name} ({unit})", 5, 3), panel.line(t, held, "command")]
-    return _svg(302, label, *parts)
+    return svg(302, label, *parts)

@@ -16,7 +16,7 @@ FINE = (0.15, 0.2, 0.3, 0.35, 0.4, 0.6, 0.9, 1.15, 2.8)  # and these too where t
 PATTERN = (0.5, 0.2, 0.08, 0.03, 0.01)
 ALWAYS = ((-np.inf, np.inf),)
 HELD = 1e-3  # of its usual value, to which a parameter counts as at its bound
-MANY, GUESS = 3, 0.5  # effects of so many parameters are curves: each is guessed at its usual value, give or take half
+GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give or take half
 
 
 @dataclass(frozen=True)
@@ -117,14 +117,18 @@ class Fitter:
             J[:, i] = (self.left(self.split(fit.causes, moved)) - fit.left) / h
         return J
 
+    def curved(self, cause):
+        """Whether its parameters are those of a curve, which a log seldom settles one by one."""
+        return cause.name in self.pieces.platform.curves
+
     def guess(self, causes):
         """Weights (p) of the guess that a parameter of a curve has its usual value: cost per square, in usual values."""
-        many = [np.full(len(c.params), float(len(c.params) >= MANY)) for c in causes]
-        return np.concatenate(many) / GUESS**2
+        curved = [np.full(len(c.params), float(self.curved(c))) for c in causes]
+        return np.concatenate(curved) / GUESS**2
 
     def objective(self, fit):
         """What refine() makes small: the cost and what the guesses are worth."""
-        curves = [c for c in fit.causes if len(c.params) >= MANY]
+        curves = [c for c in fit.causes if self.curved(c)]
         return fit.cost + (float(((self.vector(curves) - 1) ** 2).sum()) / GUESS**2 if curves else 0.0)
 
     # ---- fitting ---------------------------------------------------------------
@@ -182,7 +186,7 @@ class Fitter:
     def restart(self, fit):
         """Begins curves again at their usual values: they have more than one hollow."""
         for i, cause in enumerate(fit.causes):
-            if len(cause.params) >= MANY:
+            if self.curved(cause):
                 usual = self.at(cause, np.ones(len(cause.params)))
                 trial = self.refine(self.fit_of((*fit.causes[:i], usual, *fit.causes[i + 1 :])), steps=15)
                 fit = min(fit, trial, key=self.objective)
@@ -214,7 +218,7 @@ class Fitter:
             return fit
         low, _ = self.bounds(fit.causes[index])
         scale = self.scale(fit.causes[index])
-        factors = COORDINATE if len(scale) >= MANY else (*COORDINATE, *FINE)
+        factors = COORDINATE if self.curved(fit.causes[index]) else (*COORDINATE, *FINE)
         seen = {fit.causes[index].params}
         for i in range(len(scale)):
             at = fit.causes[index].params[i] / scale[i] or 1.0

@@ -57,110 +57,118 @@ HATCH = (
 )
 
 
-def _list(sentences):
+def bullets(sentences):
     return (
         "<ul>" + "".join(f"<li>{escape(words.capital(text))}</li>" for text in sentences) + "</ul>" if sentences else ""
     )
 
 
-def _table(headers, rows):
+def table(headers, rows):
     head = "".join(f"<th>{escape(text)}</th>" for text in headers)
     body = "".join("<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _figure(caption, svg):
+def figure(caption, svg):
     return f"<figure><figcaption>{escape(caption)}</figcaption>{svg}</figure>"
 
 
-def _section(heading, *parts):
+def section(heading, *parts):
     body = "".join(parts)
     return f"<section><h2>{escape(heading)}</h2>{body}</section>" if body else ""
+
+
+def head(report, of, verdict, asides):
+    """The verdict, and what must stand beside it."""
+    files = escape(Path(report["log_file"]).name) if report.get("log_file") else of
+    if report.get("fresh_file"):
+        files += f", fresh log {escape(Path(report['fresh_file']).name)}"
+    beside = "".join(f"<p>{escape(text)}</p>" for text in asides)
+    body = f'<div class="soft">Sim-to-real gap of {files}</div><h1>{escape(verdict)}</h1>{beside}'
+    return f'<header class="{escape(report["verdict"])}">{body}</header>'
 
 
 def _first(result):
     """What ten seconds are enough for."""
     report = result.report
-    files = escape(Path(report["log_file"]).name) if report.get("log_file") else "log"
-    if report.get("fresh_file"):
-        files += f", fresh log {escape(Path(report['fresh_file']).name)}"
     caption = words.gap_caption(report["gap"], report)
-    bars = _figure(caption, figures.gap(report["gap"], report, caption))
-    asides = "".join(f"<p>{escape(text)}</p>" for text in words.asides(report))
-    head = f'<div class="soft">Sim-to-real gap of {files}</div><h1>{escape(words.sentence(report))}</h1>{asides}'
-    head = f'<header class="{escape(report["verdict"])}">{head}</header>'
-    return f'{head}<div class="two"><div>{bars}{_causes(report)}</div>{_figure(*figures.path(result))}</div>'
+    bars = figure(caption, figures.gap(report["gap"], report, caption))
+    opening = head(report, "log", words.sentence(report), words.asides(report))
+    return f'{opening}<div class="two"><div>{bars}{causes(report)}</div>{figure(*figures.path(result))}</div>'
 
 
-def _causes(report):
+def causes(report, phrases=words.PHRASES):
     """The effects, each with its phrase, where the first sentence has no room for them."""
     if report["verdict"] == "known" and len(report["effects"]) <= words.MOST_PHRASES:
         return ""
-    return _list(
-        f"{words.phrase(e)} ({words.title(e['name'])}, {words.acts(e, report)}, {words.percent(e['confidence'])} sure)"
+    return bullets(
+        f"{words.phrase(e, phrases)} ({words.title(e['name'])}, {words.acts(e, report)}, {words.percent(e['confidence'])} sure)"
         for e in report["effects"]
     )
 
 
-def _which(report):
-    caption = words.ranking_caption(report)
-    figure = _figure(caption, figures.ranking(report, caption))
-    parts = [figure]
-    if len(report["contributions"]) > 1 and words.horizon(report["gap"]):
-        caption = words.contribution_caption(report)
-        parts.append(_figure(caption, figures.contributions(report, caption)))
-    table = ""
+def _contributions(report):
+    if len(report["contributions"]) < 2 or not words.horizon(report["gap"]):
+        return ""
+    caption = words.contribution_caption(report)
+    return figure(caption, figures.contributions(report, caption))
+
+
+def which(report, caption, contributions):
+    """The effects with their parameters, and the ranking with its caption beside the figure of what each is worth."""
+    ranking = figure(caption, figures.ranking(report, caption))
+    effects = ""
     if report["effects"]:
-        table = _table(("effect", "parameter", "95 % interval", "sure", "acts", "remark"), words.effect_rows(report))
+        effects = table(("effect", "parameter", "95 % interval", "sure", "acts", "remark"), words.effect_rows(report))
         evidence = ((words.title(e["name"]), number(words.real(e["evidence"]))) for e in report["effects"])
-        table += '<p class="soft">Evidence (rise of the squared misfit, in units of the noise, without the effect): '
-        table += escape(", ".join(f"{name} {value}" for name, value in evidence)) + ".</p>"
+        effects += '<p class="soft">Evidence (rise of the squared misfit, in units of the noise, without the effect): '
+        effects += escape(", ".join(f"{name} {value}" for name, value in evidence)) + ".</p>"
     score = "Above 1: found, and needed beside the others. Below 1: the share of their work that it would do in their place."
-    return _section(
+    return section(
         "Which effect",
-        table,
-        f'<div class="two">{"".join(parts)}</div><p class="soft">{score}</p>' if report["ranking"] else "",
+        effects,
+        f'<div class="two">{ranking}{contributions}</div><p class="soft">{score}</p>' if report["ranking"] else "",
     )
 
 
 def _much(report):
     """Tables of all horizons, position and heading, and the fresh log."""
-    parts = ["<h3>Position</h3>", _table(words.GAP_HEADERS, words.gap_rows(report["gap"], report))]
+    parts = ["<h3>Position</h3>", table(words.GAP_HEADERS, words.gap_rows(report["gap"], report))]
     fresh = report.get("fresh", {}).get("gap")
     if fresh:
         caption = words.gap_caption(fresh, report, place=" on the fresh log")
         parts += [
             "<h3>Position, fresh log: nothing fitted again</h3>",
-            _table(words.GAP_HEADERS, words.gap_rows(fresh, report)),
+            table(words.GAP_HEADERS, words.gap_rows(fresh, report)),
         ]
     figures_ = []
     heading = report["gap"].get("heading_rad")
     if heading:
         caption = "Heading: " + words.gap_caption(heading, report, words.angle)
-        figures_.append(_figure(caption, figures.gap(heading, report, caption, words.angle)))
+        figures_.append(figure(caption, figures.gap(heading, report, caption, words.angle)))
     if fresh:
         caption = words.gap_caption(fresh, report, place=" on the fresh log")
-        figures_.append(_figure(caption, figures.gap(fresh, report, caption)))
+        figures_.append(figure(caption, figures.gap(fresh, report, caption)))
     note = (
         '<p class="soft">RMS error. Closed: share of the gap above the noise floor that is gone, on rows left out of '
         "the fit; none where the gap is about the noise.</p>"
     )
-    return _section("How much", *parts, note, f'<div class="two">{"".join(figures_)}</div>')
+    return section("How much", *parts, note, f'<div class="two">{"".join(figures_)}</div>')
 
 
 def _where(result):
     report = result.report
     caption = words.time_caption(report)
-    right = _list(words.where(report))
+    right = bullets(words.where(report))
     if words.located(report):
         label = words.channel_caption(report)
-        right = _figure(label, figures.channels(report, label)) + right
+        right = figure(label, figures.channels(report, label)) + right
     on = words.depends(report)
     if on:
         right += f"<p>What is left unexplained depends on {escape(on)}.</p>"
-    return _section(
+    return section(
         "Where and when",
-        f'<div class="two">{_figure(caption, figures.time_line(result, caption))}<div>{right}</div></div>',
+        f'<div class="two">{figure(caption, figures.time_line(result, caption))}<div>{right}</div></div>',
     )
 
 
@@ -177,30 +185,33 @@ def _next(result):
     dt = words.real(report["log"]["dt"])
     label = f"Drive this next: {report['advice']['words']}"
     names = result.pieces.platform.command_names
-    figure = _figure(label, figures.drive(advice, dt, names, label))
+    commands = figure(label, figures.drive(advice, dt, names, label))
     link = f'<p><a download="next_drive.csv" href="{_csv(advice, dt)}">These commands as CSV</a></p>'
-    return _section(
-        "What to drive next", f'<div class="two">{figure}<div>{_list(words.advice(report))}{link}</div></div>'
+    return section(
+        "What to drive next", f'<div class="two">{commands}<div>{bullets(words.advice(report))}{link}</div></div>'
     )
+
+
+def document(report, *parts):
+    """The whole page (bytes)."""
+    title = f"Sim-to-real gap: {report['verdict']}"
+    meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    meta += f"<title>{escape(title)}</title><style>{STYLE}</style>"
+    body = "".join((HATCH, *parts))
+    return f'<!DOCTYPE html>\n<html lang="en"><head>{meta}</head><body>{body}</body></html>\n'.encode()
 
 
 def html(result):
     """The whole page (bytes) of a Diagnosis."""
     report = result.report
     open_ends = words.cannot_tell(report) or ["Nothing came up that more data would have to settle."]
-    body = "".join(
-        [
-            HATCH,
-            _first(result),
-            _where(result),
-            _which(report),
-            _much(report),
-            _section("What this log cannot tell", _list(open_ends)),
-            _next(result),
-            _section("The log and its noise", _list(words.measured_on(report) + words.noise(report))),
-        ]
+    return document(
+        report,
+        _first(result),
+        _where(result),
+        which(report, words.ranking_caption(report), _contributions(report)),
+        _much(report),
+        section("What this log cannot tell", bullets(open_ends)),
+        _next(result),
+        section("The log and its noise", bullets(words.measured_on(report) + words.noise(report))),
     )
-    title = f"Sim-to-real gap: {report['verdict']}"
-    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
-    head += f"<title>{escape(title)}</title><style>{STYLE}</style>"
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>{body}</body></html>\n'.encode()

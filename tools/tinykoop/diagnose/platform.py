@@ -44,6 +44,7 @@ class Ddr:
     command_names = ("v", "omega")
     # What together looks like something that is no effect here: then they are never sure.
     lookalikes = {frozenset(("actuator_lag", "transport_delay")): "actuators of second order"}
+    curves = ("pacejka_slip", "stribeck_friction")
     # Noise is measured, not fitted: windows() cannot undo it at the start of a piece.
     not_fitted = ("measurement_noise",)
 

@@ -36,8 +36,10 @@ class Search:
     fits: the best fit seen for every set of names; added: what extend() made of a fit.
     """
 
+    fitter_type = Fitter
+
     def __init__(self, pieces, without=(), seed=0):
-        self.fitter = Fitter(pieces, without)
+        self.fitter = self.fitter_type(pieces, without)
         self.pieces, self.seed = pieces, seed
         self.rebase()
 

@@ -26,16 +26,16 @@ def length(metres):
     metres = real(metres)
     if not math.isfinite(metres):
         return "-"
-    return f"{_plain(1000 * metres)} mm" if abs(metres) < 0.0995 else f"{_plain(metres)} m"
+    return f"{plain(1000 * metres)} mm" if abs(metres) < 0.0995 else f"{plain(metres)} m"
 
 
 def angle(radians):
     """In degrees."""
     radians = real(radians)
-    return f"{_plain(math.degrees(radians))} deg" if math.isfinite(radians) else "-"
+    return f"{plain(math.degrees(radians))} deg" if math.isfinite(radians) else "-"
 
 
-def _plain(value, digits=2):
+def plain(value, digits=2):
     """Rounded to some digits, without an exponent where one reads no better."""
     if not math.isfinite(value):
         return "-"
@@ -56,7 +56,7 @@ def percent(part):
 
 def quantity(value, unit, places=None):
     """A number with its unit; share and factor have none. places: decimals, else three digits."""
-    number = _plain(real(value), 3) if places is None else f"{real(value):.{places}f}"
+    number = plain(real(value), 3) if places is None else f"{real(value):.{places}f}"
     return number + ("" if unit == "1" else f" {unit}")
 
 
@@ -76,7 +76,7 @@ def _limits_of(effect, name):
 
 def seconds(time):
     """A time in the log; tenths below a hundred."""
-    return f"{_plain(real(time), 3)} s"
+    return f"{plain(real(time), 3)} s"
 
 
 def span(start, end):
@@ -102,11 +102,11 @@ def capital(text):
 # ---- effects -------------------------------------------------------------------------------------
 
 
-def _percent_of(share):
-    return f"{_plain(abs(100 * real(share)))} %"
+def percent_of(share):
+    return f"{plain(abs(100 * real(share)))} %"
 
 
-def _signed(value, above, below):
+def signed(value, above, below):
     return above if real(value) > 0 else below
 
 
@@ -120,43 +120,43 @@ def _limits(p):
 
 
 def _offset(p):
-    ahead = f"{length(abs(p['lx']))} {_signed(p['lx'], 'ahead of', 'behind')}"
-    return f"the position is measured {ahead} and {length(abs(p['ly']))} to the {_signed(p['ly'], 'left', 'right')} of the robot's centre"
+    ahead = f"{length(abs(p['lx']))} {signed(p['lx'], 'ahead of', 'behind')}"
+    return f"the position is measured {ahead} and {length(abs(p['ly']))} to the {signed(p['ly'], 'left', 'right')} of the robot's centre"
 
 
 PHRASES = {
-    "speed_gain": lambda p: f"the robot drives {_percent_of(p['a'])} {_signed(p['a'], 'faster', 'slower')} than commanded",
-    "yaw_gain": lambda p: f"the robot turns {_percent_of(p['b'])} {_signed(p['b'], 'faster', 'slower')} than commanded",
+    "speed_gain": lambda p: f"the robot drives {percent_of(p['a'])} {signed(p['a'], 'faster', 'slower')} than commanded",
+    "yaw_gain": lambda p: f"the robot turns {percent_of(p['b'])} {signed(p['b'], 'faster', 'slower')} than commanded",
     "wheel_asymmetry": lambda p: (
-        f"driving straight turns the robot {_signed(p['c'], 'left', 'right')} by {angle(abs(p['c']))} per metre"
+        f"driving straight turns the robot {signed(p['c'], 'left', 'right')} by {angle(abs(p['c']))} per metre"
     ),
-    "yaw_bias": lambda p: f"the robot turns {_signed(p['d'], 'left', 'right')} by itself, by {angle(abs(p['d']))} per second",
+    "yaw_bias": lambda p: f"the robot turns {signed(p['d'], 'left', 'right')} by itself, by {angle(abs(p['d']))} per second",
     "actuator_lag": lambda p: f"speed and turning follow their commands sluggishly, with a time constant of {quantity(p['tau'], 's')}",
     "transport_delay": lambda p: f"commands act {quantity(p['delay'], 's')} late",
     "dead_band": lambda p: f"commands below {quantity(p['v_db'], 'm/s')} and {quantity(p['w_db'], 'rad/s')} do nothing",
     "saturation": _limits,
     "backlash": lambda p: f"play of {quantity(p['half_width'], 'rad/s')} to either side holds the yaw rate back at every reversal",
-    "battery_sag": lambda p: f"the robot gets slower over the log, by {_percent_of(p['loss_at_end'])} at the end",
+    "battery_sag": lambda p: f"the robot gets slower over the log, by {percent_of(p['loss_at_end'])} at the end",
     "clock_scale": lambda p: f"a logged second lasts {quantity(1 + real(p['kappa']), 's')}",
     "pacejka_slip": lambda p: f"the wheels slip in fast bends (peak D = {quantity(p['D'], '1')}, sideways {quantity(p['lat'], '1')})",
     "lateral_skid": lambda p: (
-        f"in bends the robot slides {_signed(p['k'], 'inwards', 'outwards')}, at {quantity(abs(p['k']), 's')} times v omega"
+        f"in bends the robot slides {signed(p['k'], 'inwards', 'outwards')}, at {quantity(abs(p['k']), 's')} times v omega"
     ),
     "stribeck_friction": lambda p: (
-        f"friction takes {_percent_of(p['Fs'])} of the speed near standstill and {_percent_of(p['Fc'])} and more in motion"
+        f"friction takes {percent_of(p['Fs'])} of the speed near standstill and {percent_of(p['Fc'])} and more in motion"
     ),
     "world_drift": lambda p: (
         f"something carries the robot along, at {quantity(p['wx'], 'm/s')} in x and {quantity(p['wy'], 'm/s')} in y"
     ),
     "sensor_lever_arm": _offset,
-    "heading_bias": lambda p: f"the heading is measured {angle(abs(p['delta']))} too far {_signed(p['delta'], 'left', 'right')}",
+    "heading_bias": lambda p: f"the heading is measured {angle(abs(p['delta']))} too far {signed(p['delta'], 'left', 'right')}",
 }  # fmt: skip
 
 
-def phrase(effect):
-    """What an effect of the report does, in plain words; name and parameters of one that has no phrase here."""
+def phrase(effect, phrases=PHRASES):
+    """What an effect of the report does, in plain words; name and parameters of one that has no phrase there."""
     try:
-        return PHRASES[effect["name"]](effect["params"])
+        return phrases[effect["name"]](effect["params"])
     except (KeyError, TypeError):
         units = effect.get("units", {})
         values = (f"{name} = {quantity(value, units.get(name, '1'))}" for name, value in effect["params"].items())
@@ -224,18 +224,18 @@ def ahead(key, report):
     return f"{steps(key, report)} ahead"
 
 
-def _sizes(gap, key):
+def sizes(gap, key, size=length):
     """Before, after and floor as text."""
-    return [length(gap[part][key]) for part in ("before", "after", "noise_floor")]
+    return [size(gap[part][key]) for part in ("before", "after", "noise_floor")]
 
 
-def _shrinks(gap, key, report):
+def shrinks(gap, key, report, size=length):
     """0.45 m to 15 mm, 50 steps = 2.5 s ahead; noise floor 15 mm."""
-    before, after, least = _sizes(gap, key)
+    before, after, least = sizes(gap, key, size)
     return f"{before} to {after}, {ahead(key, report)}; noise floor {least}"
 
 
-def _named(effect, report):
+def named(effect, report, phrases=PHRASES):
     """Phrase, name, rivals and times of one effect."""
     also = rivals(report, effect["name"])
     if len(also) > MOST_RIVALS:
@@ -243,13 +243,14 @@ def _named(effect, report):
     name = listed([title(effect["name"]), *also], "or") + (": this log cannot tell which" if also else "")
     when = acts(effect, report)
     how = "in" if len(effect["segments"]) > MOST_SPANS else "from"
-    return f"{phrase(effect)} ({name})" + ("" if when == "whole log" else f" {how} {when}")
+    return f"{phrase(effect, phrases)} ({name})" + ("" if when == "whole log" else f" {how} {when}")
 
 
-def _causes(report):
+def causes(report, phrases=PHRASES):
+    """What acts: phrases of a few effects, names of many."""
     effects = report["effects"]
     if len(effects) <= MOST_PHRASES:
-        return " and ".join(_named(effect, report) for effect in effects)
+        return " and ".join(named(effect, report, phrases) for effect in effects)
     names = (
         title(e["name"]) + (f" (or {listed(rivals(report, e['name']), 'or')})" if rivals(report, e["name"]) else "")
         for e in effects
@@ -264,12 +265,12 @@ def _closing(report):
         return "the log is too broken up to measure the gap"
     them = "them" if len(report["effects"]) > 1 else "it"
     if not math.isfinite(real(gap["closed_fraction"][key])):
-        before, _, least = _sizes(gap, key)
+        before, _, least = sizes(gap, key)
         return (
             f"the gap is about the noise ({before} against {least}, {ahead(key, report)}): no percentage can be given"
         )
     part = percent(gap["closed_fraction"][key])
-    return f"adding {them} closes {part} of the gap ({_shrinks(gap, key, report)})"
+    return f"adding {them} closes {part} of the gap ({shrinks(gap, key, report)})"
 
 
 def _closed_in_part(report):
@@ -279,14 +280,14 @@ def _closed_in_part(report):
         return f"{percent(explained)} of the gap is explained"
     closed = real(gap["closed_fraction"][key])
     part = min(explained, closed) if math.isfinite(closed) else explained
-    return f"{percent(part)} of the gap closes ({_shrinks(gap, key, report)})"
+    return f"{percent(part)} of the gap closes ({shrinks(gap, key, report)})"
 
 
 def _none(report):
     left, key = report["unexplained"], horizon(report["gap"])
     if key is None:
         return "the log is too broken up to measure the gap"
-    before, _, least = _sizes(report["gap"], key)
+    before, _, least = sizes(report["gap"], key)
     off = f"{ahead(key, report)} it is {before} off, where noise alone makes {least}"
     systematic, smallest = real(left["of_gap_m"]), real(left["smallest_that_matters_m"])
     if systematic < smallest:
@@ -313,7 +314,7 @@ def sentence(report):
         return f"None: the simulator explains this log down to its noise: {_none(report)}."
     if report["verdict"] == "known":
         partly = left["matters"]
-        return f"Known{', but PARTLY explained' if partly else ''}: {_causes(report)}; {_closing(report)}."
+        return f"Known{', but PARTLY explained' if partly else ''}: {causes(report)}; {_closing(report)}."
     on = depends(report)
     rest = f"depends on {on} and none of the known effects explains it" if on else "none of the known effects explains"
     if not report["effects"]:
@@ -330,26 +331,36 @@ def asides(report):
         said.append(
             f"What is left is {length(left['gap_m'])} of {length(left['of_gap_m'])} without noise; it depends on {on}."
         )
+    return said + doubts(report) + tried(report)
+
+
+def doubts(report):
+    """Why the effects may not be the cause."""
+    said = []
     if report["verdict"] == "unknown" and report["effects"]:
         said.append("The effects listed are the best that the known ones can do; do not take them for the cause.")
     doubtful = [e for e in report["effects"] if not real(e["confidence"]) >= SURE and report["verdict"] == "known"]
     if doubtful:
         said.append(f"Not certain: {listed(title(e['name']) + ' ' + percent(e['confidence']) for e in doubtful)} sure.")
-    said += fresh(report)
-    if report["effects"] and "fresh" not in report:
-        said.append("Tried on rows of this log that were left out of the fit, not on a fresh log.")
     return said
 
 
-def fresh(report):
+def tried(report, size=length, at=horizon):
+    """On what the effects were tried; at: the horizon of a gap to speak of."""
+    if report["effects"] and "fresh" not in report:
+        return ["Tried on rows of this log that were left out of the fit, not on a fresh log."]
+    return fresh(report, size, at)
+
+
+def fresh(report, size=length, at=horizon):
     """What the same model does on the fresh log, in one sentence."""
     if "fresh" not in report:
         return []
     gap = report["fresh"]["gap"]
-    key = horizon(gap)
+    key = at(gap)
     if key is None:
         return ["The fresh log is too broken up to measure the gap."]
-    before, after, least = _sizes(gap, key)
+    before, after, least = sizes(gap, key, size)
     part = real(gap["closed_fraction"][key])
     if not report["effects"]:
         return [f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."]
@@ -358,7 +369,7 @@ def fresh(report):
     if part < 0:
         return [f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."]
     return [
-        f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({_shrinks(gap, key, report)})."
+        f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({shrinks(gap, key, report, size)})."
     ]
 
 
@@ -381,21 +392,18 @@ def open_parameters(report):
     return said
 
 
-def cannot_tell(report):
-    """What this log leaves open, in sentences."""
-    said = []
-    for effect in report["effects"]:
-        also = rivals(report, effect["name"])
-        if also:
-            said.append(f"{capital(listed([title(effect['name']), *also], 'or'))}: on this log they do the same.")
-    for alike in report["lookalikes"]:
-        names = listed(title(name) for name in alike["effects"])
-        said.append(f"{capital(names)} together may as well be {alike['as']}.")
-    if report["not_testable"]:
-        names = listed(title(name) for name in report["not_testable"])
-        said.append(f"NOT TESTABLE: {names}. This drive would hardly show them, so they may act or not.")
-    said += open_parameters(report)
-    gap = report["gap"]
+def ambiguous(report):
+    """Which effects this log cannot tell apart."""
+    return [
+        f"{capital(listed([title(effect['name']), *rivals(report, effect['name'])], 'or'))}: on this log they do the same."
+        for effect in report["effects"]
+        if rivals(report, effect["name"])
+    ]
+
+
+def unmeasured(report):
+    """For which horizons there is no percentage."""
+    gap, said = report["gap"], []
     near = [
         k
         for k in gap["before"]
@@ -408,6 +416,19 @@ def cannot_tell(report):
         )
     if unseen:
         said.append(f"No stretch of the log is long enough to predict {listed(unseen, 'or')} steps ahead.")
+    return said
+
+
+def cannot_tell(report):
+    """What this log leaves open, in sentences."""
+    said = ambiguous(report)
+    for alike in report["lookalikes"]:
+        names = listed(title(name) for name in alike["effects"])
+        said.append(f"{capital(names)} together may as well be {alike['as']}.")
+    if report["not_testable"]:
+        names = listed(title(name) for name in report["not_testable"])
+        said.append(f"NOT TESTABLE: {names}. This drive would hardly show them, so they may act or not.")
+    said += open_parameters(report) + unmeasured(report)
     noise = report["noise"]
     if max(real(noise["rho_p"]), real(noise["rho_t"])) > COLOURED:
         said.append(
@@ -435,8 +456,8 @@ def noise(report):
     return said
 
 
-def measured_on(report):
-    """Size of the log, what of it was used, and how the nominal simulator steps."""
+def rows_of(report):
+    """Size of the log and what of it was used."""
     log = report["log"]
     usable = real(log["usable"])
     used = (
@@ -444,14 +465,16 @@ def measured_on(report):
         if usable == 1
         else f"{100 * (1 - usable):.2g} % of the rows are masked or beside a break and were not used"
     )
-    said = [f"{log['rows']} rows, {seconds(log['seconds'])} at {_plain(1 / real(log['dt']), 3)} Hz; {used}."]
-    said.append(
-        f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without it."
-    )
-    said.append(
-        f"The nominal robot moves by this rule: {report['integrator']}. It is chosen before any effect, without a parameter."
-    )
-    return said
+    return f"{log['rows']} rows, {seconds(log['seconds'])} at {plain(1 / real(log['dt']), 3)} Hz; {used}."
+
+
+def measured_on(report):
+    """The log, what was compared, and how the nominal simulator steps."""
+    return [
+        rows_of(report),
+        f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without it.",
+        f"The nominal robot moves by this rule: {report['integrator']}. It is chosen before any effect, without a parameter.",
+    ]
 
 
 def located(report):
@@ -489,17 +512,22 @@ def where(report):
     return said
 
 
+def settles(report):
+    """(what the advised drive tells, in a sentence or none; the names of what it does not)."""
+    separation = [(title(question), real(value)) for question, value in report["advice"]["separation"].items()]
+    told = [f"{question} ({value:.2g})" for question, value in separation if value >= HIDDEN]
+    said = f"It tells {listed(told)}; in brackets the distance, in standard deviations of the noise per row."
+    return [said] * bool(told), [question for question, value in separation if not value >= HIDDEN]
+
+
 def advice(report):
     """The next drive, in sentences; empty where nothing is open."""
     if not report["advice"]:
         return []
     drive = report["advice"]
-    separation = [(question, real(value)) for question, value in drive["separation"].items()]
     said = [f"Drive {drive['words']} ({drive['drive']}), at your own safe speeds."]
-    told = [f"{title(q)} ({value:.2g})" for q, value in separation if value >= HIDDEN]
-    hidden = [title(q) for q, value in separation if not value >= HIDDEN]
-    if told:
-        said.append(f"It tells {listed(told)}; in brackets the distance, in standard deviations of the noise per row.")
+    told, hidden = settles(report)
+    said += told
     if hidden:
         said.append(
             f"It does not settle {listed(hidden)}: that takes higher speeds or smaller commands than this log has."
@@ -578,7 +606,7 @@ def contribution_caption(report):
 # ---- terminal ------------------------------------------------------------------------------------
 
 
-def _say(text="", style=None):
+def say(text="", style=None):
     results.console.print(text, markup=False, highlight=False, style=style)
 
 
@@ -618,27 +646,33 @@ def gap_rows(gap, report, size=length):
 GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
 
 
-def print_summary(report, page):
-    """The report on the terminal; page: where the HTML is."""
-    _say()
-    _say(sentence(report), "bold")
-    for aside in asides(report):
-        _say(f"  {aside}")
+def print_told(report, page, told, gap_name="position", size=length):
+    """A report on the terminal. told: (sentence, asides, what the log cannot tell, heading of the advice, advice)."""
+    verdict, beside, open_ends, heading, next_one = told
+    say()
+    say(verdict, "bold")
+    for aside in beside:
+        say(f"  {aside}")
     if report["effects"]:
         results.print_table(
             "Effects", ("effect", "parameter", "95 % interval", "sure", "acts", ""), effect_rows(report)
         )
-    results.print_table("Gap, position", GAP_HEADERS, gap_rows(report["gap"], report))
+    results.print_table(f"Gap, {gap_name}", GAP_HEADERS, gap_rows(report["gap"], report, size))
     if "fresh" in report:
         results.print_table(
-            "Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(report["fresh"]["gap"], report)
+            "Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(report["fresh"]["gap"], report, size)
         )
-    open_ends = cannot_tell(report)
     if open_ends:
-        _say("What this log cannot tell", "bold")
+        say("What this log cannot tell", "bold")
         for text in open_ends:
-            _say(f"  {text}")
-    for text in advice(report)[:1]:
-        _say("Next drive", "bold")
-        _say(f"  {text}")
-    _say(f"\nPage: {page}")
+            say(f"  {text}")
+    for text in next_one[:1]:
+        say(heading, "bold")
+        say(f"  {text}")
+    say(f"\nPage: {page}")
+
+
+def print_summary(report, page):
+    """The report on the terminal; page: where the HTML is."""
+    told = sentence(report), asides(report), cannot_tell(report), "Next drive", advice(report)
+    print_told(report, page, told)

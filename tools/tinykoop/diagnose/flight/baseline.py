@@ -1,0 +1,109 @@
+"""What healthy flights leave: the simulator's own, or one of the vehicle's, to which the simulator is fitted first."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ... import sim
+from .innovations import Innovations, Whitener, settled
+from .search import FlightSearch
+from .vehicle import SHAKEN, follower, measured, observer_gain, turns_yaw
+
+SECONDS, SEEDS = 40, {"hover": (1001, 1002), "pitch": (1003, 1004), "yaw": (1005, 1006)}  # of the simulated flights
+PART = 6.0  # s, of a healthy flight's parts, at least
+LEAST_BETWEEN = 0.01  # by which no two flights shake alike
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """Effects (base) that the healthy vehicle has beside the nominal simulator, and the flights that show its noise.
+
+    flights: [(log, innovations (K, 9))]; shaking (6,): RMS of what gyro and accelerometer change from row to row.
+    """
+
+    base: tuple
+    flights: tuple
+    shaking: np.ndarray
+    spread: float  # standard deviation of log(shaking) over a second,
+    between: float  # and between flights
+
+    def whitener(self):
+        return Whitener.fitted([missed for _, missed in self.flights])
+
+    def differ(self, platform, yaw):
+        """{effect: variances (p,)}: by how much healthy flights on this axis differ as if it acted, beyond noise."""
+        whiten, found = self.whitener(), []
+        for log, _ in self.flights:
+            if turns_yaw(log) == yaw:
+                found.append(FlightSearch(Innovations(platform, log, whiten, self.base)).feigned())
+        if len(found) < 2:
+            return {}
+        return {
+            name: np.maximum(np.mean([f[name][0] ** 2 - f[name][1] for f in found], axis=0), 0.0) * (usual_shows(found, name))
+            for name in platform.effects()
+        }
+
+
+def usual_shows(found, name):
+    """Whether an effect of usual size shows in these flights at all."""
+    return np.mean([f[name][1] for f in found], axis=0) < 1
+
+
+def shaking(log):
+    """Mean square (K - 1, 6) change of gyro and accelerometer; NaN where a transition is not usable."""
+    change = np.diff(measured(log)[:, SHAKEN], axis=0) ** 2
+    change[~log.usable] = np.nan
+    return change
+
+
+def levels(change, healthy, dt):
+    """log of the shaking over a healthy one, for every second (T,)."""
+    rows = round(1 / dt)
+    blocks = change[: len(change) // rows * rows].reshape(-1, rows, change.shape[1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return 0.5 * np.log(np.nanmean(blocks, axis=1) / healthy**2).mean(axis=1)
+
+
+def _of(base, flights):
+    change = np.concatenate([shaking(log) for log, _ in flights])
+    healthy = np.sqrt(np.nanmean(change, axis=0))
+    each = [levels(shaking(log), healthy, log.dt) for log, _ in flights]
+    within = np.sqrt(np.mean([np.nanvar(level) for level in each]))
+    return Baseline(
+        tuple(base), tuple(flights), healthy, float(within), max(float(np.std([np.nanmean(level) for level in each])), LEAST_BETWEEN)
+    )
+
+
+@lru_cache(maxsize=4)
+def simulated(vibration=0.0):
+    """The Baseline of the simulated vehicle, which shakes this share more than usual."""
+    active = [sim.Effect("vibration", (vibration,), 0.0, np.inf)] if vibration else []
+    flights = []
+    for manoeuvre, seeds in SEEDS.items():
+        for seed in seeds:
+            log, _ = sim.fwmav(manoeuvre, SECONDS, seed, active)
+            flights.append((log, followed(log, active)))
+    return _of((), flights)
+
+
+def followed(log, active):
+    """Innovations (K, 9) of a log with these effects; NaN where the observer does not know the vehicle yet."""
+    missed, _ = follower(log, observer_gain(log))(active)
+    missed[~settled(log)] = np.nan
+    return missed
+
+
+def of_vehicle(log, base):
+    """The Baseline of a healthy flight of the vehicle, which the simulator follows with the effects `base`.
+
+    Its parts count as flights: by as much as they differ, other flights will.
+    """
+    count = max(2, int((len(log.x) - 1) * log.dt / PART))
+    edges = np.arange(count + 1) * (len(log.x) - 1) // count
+    return _of(base, [(part, followed(part, base)) for part in (_part(log, a, b + 1) for a, b in zip(edges, edges[1:]))])
+
+
+def _part(log, first, last):
+    """Rows first to last of a log."""
+    return sim.Log(log.t[first:last] - log.t[first], log.x[first:last], log.u[first:last], log.usable[first : last - 1], log.dt)

@@ -1,0 +1,265 @@
+"""One flight in, one answer out: the report of the contract and what its page draws."""
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from ... import replay, sim
+from ...errors import UserError
+from ..fit import ALWAYS, active
+from . import advise, evidence, gap, where
+from .baseline import Baseline, of_vehicle, simulated
+from .generic import FEIGNED, SIGNIFICANT, Generic
+from .innovations import Innovations
+from .search import FlightSearch
+from .vehicle import Fwmav, turns_yaw
+from .vibration import measure
+
+RATE = 100.0  # Hz, of simulated flights
+LEAST_SECONDS = 6.0
+UNEXPLAINED = 0.1  # of what generic accelerations find may be left and the effects still be called the explanation
+ANOTHER = 1.4  # times the variance of a healthy flight, from which on this is not the simulated vehicle
+TURNS = 2  # of noise and effects of a healthy flight
+WORSE = 1.1  # times the simulator's error of prediction, from which on effects are not believed
+BELIEVED = 0.2  # confidence below which a single effect is not known
+
+
+@dataclass
+class Diagnosis:
+    """The report, and what was computed on the way that a page may draw."""
+
+    report: dict
+    log: sim.Log
+    pieces: Innovations
+    fit: object
+    before: np.ndarray  # (W, H, 9)
+    after: np.ndarray
+    floor: np.ndarray  # (H, 9)
+    starts: np.ndarray
+    left: tuple  # innovations (K, 9) without and with the effects; the observer knows little in the first second
+    healthy: Baseline
+    fresh_log: sim.Log | None = None
+    fresh_errors: tuple = field(default=())
+
+
+def load(path):
+    """A flight that is long enough to say something about."""
+    log = replay.unwrapped(sim.read_log(path, "fwmav"), "fwmav")
+    if abs(log.dt * RATE - 1) > 0.02:
+        raise UserError(f"{path}: rows come every {log.dt:.4g} s; the simulated vehicle is logged at {RATE:g} Hz: resample to that")
+    if log.usable.sum() * log.dt < LEAST_SECONDS:
+        raise UserError(
+            f"{path}: {log.usable.sum() * log.dt:.1f} s are usable, too few for a diagnosis; record {LEAST_SECONDS:g} s at least"
+        )
+    if not np.any(np.diff(log.u[:, 0])):
+        raise UserError(f"{path}: u never changes; log the command that the controller sends to the servo")
+    return log
+
+
+@lru_cache(maxsize=8)
+def _differ(healthy, yaw):
+    return healthy.differ(Fwmav(), yaw)
+
+
+def _pieces(platform, log, healthy):
+    pieces = Innovations(platform, log, healthy.whitener(), healthy.base, _differ(healthy, turns_yaw(log)))
+    if not len(pieces.starts):
+        raise UserError("nowhere are two seconds in a row usable; record the flight with fewer gaps")
+    return pieces
+
+
+def _shaken(log, healthy):
+    """(Vibration or None, the baseline whose noise is that of the log)."""
+    found = measure(log, healthy)
+    if found is None or healthy.base or found.segment != (0.0, np.inf):
+        return found, healthy
+    (_, _, low, high, _), *_ = sim.effects("fwmav")["vibration"][1]
+    return found, simulated(float(np.clip(round(found.a, 2), low, high)))
+
+
+def baseline_of(log):
+    """The Baseline of the vehicle that a healthy flight shows: noise and effects by turns, as each is known from the other."""
+    own = of_vehicle(log, ())
+    for _ in range(TURNS):
+        pieces = Innovations(Fwmav(), log, own.whitener())
+        own = of_vehicle(log, active(FlightSearch(pieces).run().causes))
+    return own
+
+
+@lru_cache(maxsize=8)
+def _feigned(healthy, yaw):
+    """(gain, peak) that generic accelerations find at most on healthy flights on this axis."""
+    found = []
+    for log, _ in healthy.flights:
+        if turns_yaw(log) == yaw:
+            pieces = _pieces(Fwmav(), log, healthy)
+            left = Generic(pieces).left(pieces.whiten(pieces.missed()).ravel())
+            found.append((left.gain, left.peak))
+    return np.max(found, axis=0) if found else np.zeros(2)
+
+
+def _floor(healthy, yaw):
+    """RMS (H, 9) of what is missed ahead on healthy flights on this axis."""
+    missed = []
+    for log, _ in healthy.flights:
+        if turns_yaw(log) == yaw or len(healthy.flights) == 1:
+            pieces = Innovations(Fwmav(), log, healthy.whitener(), healthy.base)
+            missed.append(gap.ahead(pieces, (), gap.starts_of(pieces)))
+    return np.sqrt(np.mean(np.concatenate(missed) ** 2, axis=0))
+
+
+def diagnose(log, fresh=None, without=(), own=None):
+    """The Diagnosis of a flight (sim.Log); own: a healthy flight of this vehicle, which else is the simulated one."""
+    platform = Fwmav()
+    known = sim.effects(platform.name)
+    for name in without:
+        if name not in known:
+            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(known)}")
+    healthy = baseline_of(own) if own is not None else simulated()
+    shaking, noise = _shaken(log, healthy)
+    if "vibration" in without:
+        shaking = None
+    yaw = turns_yaw(log)
+    pieces = _pieces(platform, log, noise)
+    search = FlightSearch(pieces, without)
+    fit = search.explain()
+    proofs = evidence.evidence(search, fit)
+    order = sorted(range(len(proofs)), key=lambda i: -proofs[i].worth)
+    fit, proofs = replace(fit, causes=tuple(fit.causes[i] for i in order)), [proofs[i] for i in order]
+    fit = search.fitter.fit_of(fit.causes)
+
+    generic, feigned = Generic(pieces), _feigned(noise, yaw)
+    first, last = generic.left(search.base.left), generic.left(fit.left)
+    share = _share(first, last, feigned[0])
+    systematic = last.significance() < SIGNIFICANT and last.peak > FEIGNED * feigned[1]
+    another = fit.cost / pieces.degrees > ANOTHER or (shaking is not None and not shaking.alike)
+    word = "known" if fit.causes or shaking else "none"
+    if another or (systematic and (share > UNEXPLAINED or not fit.causes)):
+        word = "unknown"
+    if word == "known" and not shaking and max(p.confidence for p in proofs) < BELIEVED:
+        word = "unknown" if systematic else "none"
+    trust = (1 - share) if systematic else 1.0
+    starts, floor = gap.starts_of(pieces), _floor(noise, yaw)
+    before, after = gap.errors(search.fitter, fit, starts)
+    if _worse(before, after):
+        word, trust = "unknown", trust * BELIEVED
+    effects = [_effect(search, fit, i, proof, trust, log) for i, proof in enumerate(proofs)]
+    if shaking:
+        effects.append(_vibration_effect(shaking, log))
+        effects.sort(key=lambda effect: -effect["evidence"])
+    if word == "none":
+        effects, fit, proofs, after = [], search.base, [], before
+    rivals = {name for proof in proofs for name in proof.ambiguous}
+    blind_to = [name for name in evidence.untestable(search, fit) if name not in rivals]
+    pairs = [(cause, rival) for cause, proof in zip(fit.causes, proofs) for rival in proof.ambiguous]
+    advice = advise.advise(search, pairs, blind_to)
+    left = pieces.missed(), pieces.missed(active(fit.causes))
+    systematic_part = where.explained(pieces, left, fit)
+    report = {
+        "platform": platform.name,
+        "verdict": word,
+        "effects": effects,
+        "ranking": _ranking(search, fit, proofs, shaking),
+        "ambiguous_with": {c.name: list(p.ambiguous) for c, p in zip(fit.causes, proofs) if p.ambiguous},
+        "suggested_excitation": f"{advice['drive']}: {advice['words']}" if advice else "",
+        "where": {
+            "channels": where.channels(systematic_part),
+            "segments": where.segments(systematic_part, log, [s for c in fit.causes for span in c.segments for s in span]),
+            "regions": where.regions(before, floor, starts, log),
+            "frequencies": where.frequencies(left[0], noise, log, pieces.known),
+        },
+        "gap": gap.summary(before, after, floor),
+        "contributions": gap.contributions(pieces, fit.causes, starts),
+        "not_testable": blind_to + (["vibration"] if "vibration" in without else []),
+        "unexplained": {
+            "share": share,
+            "p": last.significance(),
+            "matters": bool(systematic),
+            "another_vehicle": bool(another),
+            "times_noise": fit.cost / pieces.degrees,
+            "depends_on": [
+                {"on": on, "channel": channel, "share": part} for (on, channel), part in list(last.depends.items())[:4] if systematic
+            ],
+        },
+        "vehicle": "own" if own is not None else "simulated",
+        "axis": "yaw" if yaw else "pitch",
+        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt},
+        "advice": advice,
+    }
+    result = Diagnosis(report, log, pieces, fit, before, after, floor, starts, left, noise)
+    if fresh is not None:
+        other = _pieces(platform, fresh, noise)
+        rows = gap.starts_of(other)
+        always = tuple(replace(cause, segments=ALWAYS) for cause in fit.causes)
+        parts = gap.ahead(other, (), rows), gap.ahead(other, always, rows)
+        report["fresh"] = {"gap": gap.summary(*parts, _floor(noise, turns_yaw(fresh)))}
+        result.fresh_log, result.fresh_errors = fresh, parts
+    return result
+
+
+def _worse(before, after):
+    """Whether the effects make predictions worse than the simulator's on rows that they were not fitted on."""
+    then, now = (gap.rms(gap.attitude(missed)[:, -1]) for missed in (before, after))
+    return bool(now > WORSE * then)
+
+
+def _share(first, last, feigned):
+    """Of what generic accelerations find without any effect, beyond what healthy flights feign, that is left with them."""
+    before, after = first.gain - feigned, last.gain - feigned
+    return float(np.clip(after / before, 0, 1)) if before > 0 else 0.0
+
+
+def _segments(cause_segments, log):
+    end = (len(log.x) - 1) * log.dt
+    return [[float(max(a, 0.0)), float(min(b, end))] for a, b in cause_segments]
+
+
+def _effect(search, fit, index, proof, trust, log):
+    cause, fitter = fit.causes[index], search.fitter
+    spec, scale = fitter.effects[cause.name][1], fitter.scale(cause)
+    low, high = fitter.bounds(cause)
+    first = sum(len(c.params) for c in fit.causes[:index])
+    J = fitter.jacobian(fit)
+    heat = search.heat(fit)
+    spread = np.sqrt(heat * np.diag(np.linalg.pinv(J.T @ J, rcond=1e-12)))[first : first + len(spec)]
+    z = fitter.vector((cause,))
+    limits = [np.clip([v - 1.96 * s, v + 1.96 * s], a, b) * k for v, s, a, b, k in zip(z, spread, low, high, scale)]
+    return {
+        "name": cause.name,
+        "evidence": float(proof.worth),
+        "confidence": float(proof.confidence * trust),
+        "params": {p.name: float(v) for p, v in zip(spec, cause.params)},
+        "params_ci95": {p.name: [float(v) for v in interval] for p, interval in zip(spec, limits)},
+        "segments": _segments(cause.segments, log),
+        "units": {p.name: p.unit for p in spec},
+        "at_bound": fitter.held(cause),
+    }
+
+
+def _vibration_effect(shaking, log):
+    return {
+        "name": "vibration",
+        "evidence": shaking.evidence,
+        "confidence": 0.99 if shaking.alike else 0.2,
+        "params": {"a": shaking.a},
+        "params_ci95": {"a": [shaking.a - 1.96 * shaking.sd, shaking.a + 1.96 * shaking.sd]},
+        "segments": _segments((shaking.segment,), log),
+        "units": {"a": "1"},
+        "at_bound": [],
+    }
+
+
+def _ranking(search, fit, proofs, shaking):
+    """The causes by their worth, then the others by how much of a cause's worth they would take over."""
+    whole = max(search.base.cost - min(fit.cost, search.base.cost), 1e-9)
+    score = {c.name: 1 + proof.worth / whole for c, proof in zip(fit.causes, proofs)}
+    if shaking:
+        score["vibration"] = 2.0
+    for name in search.fitter.effects:
+        if name not in score:
+            alone = search.fits.get(frozenset([name]))
+            gain = search.base.cost - alone.cost if alone and not fit.causes else 0
+            gain /= gain + search.price * search.heat(fit)  # by itself, not worth its price: below a half
+            score[name] = max([gain, *(p.absorbed.get(name, 0) * p.worth / whole for p in proofs)])
+    return [{"name": name, "score": float(s)} for name, s in sorted(score.items(), key=lambda item: -item[1])]

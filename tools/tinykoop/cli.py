@@ -54,6 +54,7 @@ def parser():
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
     blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
+    blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: put known effects into this real flight instead")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
     blind.add_argument("--seed", type=int, default=1)
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
@@ -140,8 +141,13 @@ def dispatch(a):
         diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.platform, a.without, a.healthy)
     elif a.command == "blind":
         from . import blind
-        from .blind import flights
+        from .blind import flights, injected
 
+        if a.inject:
+            if a.platform != "fwmav":
+                raise UserError("--inject: only for flights of the flapping wing; add --platform fwmav")
+            injected.run(a.out, a.inject, a.jobs)
+            return
         (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs)
     elif a.command == "size":
         from . import size

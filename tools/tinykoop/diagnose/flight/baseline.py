@@ -31,12 +31,15 @@ class Baseline:
     def whitener(self):
         return Whitener.fitted([missed for _, missed in self.flights])
 
+    def on(self, yaw):
+        """Logs on this axis, or all if there are none."""
+        logs = [log for log, _ in self.flights]
+        return [log for log in logs if turns_yaw(log) == yaw] or logs
+
     def differ(self, platform, yaw):
         """{effect: variances (p,)}: by how much healthy flights on this axis differ as if it acted, beyond noise."""
-        whiten, found = self.whitener(), []
-        for log, _ in self.flights:
-            if turns_yaw(log) == yaw:
-                found.append(FlightSearch(Innovations(platform, log, whiten, self.base)).feigned())
+        whiten = self.whitener()
+        found = [FlightSearch(Innovations(platform, log, whiten, self.base)).feigned() for log in self.on(yaw)]
         if len(found) < 2:
             return {}
         return {

@@ -89,23 +89,21 @@ def baseline_of(log):
 
 @lru_cache(maxsize=8)
 def _feigned(healthy, yaw):
-    """(gain, peak) that generic accelerations find at most on healthy flights on this axis."""
+    """(gain, peak) that generic accelerations find at most on healthy flights."""
     found = []
-    for log, _ in healthy.flights:
-        if turns_yaw(log) == yaw:
-            pieces = _pieces(Fwmav(), log, healthy)
-            left = Generic(pieces).left(pieces.whiten(pieces.missed()).ravel())
-            found.append((left.gain, left.peak))
-    return np.max(found, axis=0) if found else np.zeros(2)
+    for log in healthy.on(yaw):
+        pieces = _pieces(Fwmav(), log, healthy)
+        left = Generic(pieces).left(pieces.whiten(pieces.missed()).ravel())
+        found.append((left.gain, left.peak))
+    return np.max(found, axis=0)
 
 
 def _floor(healthy, yaw):
-    """RMS (H, 9) of what is missed ahead on healthy flights on this axis."""
+    """RMS (H, 9) of what is missed ahead on healthy flights."""
     missed = []
-    for log, _ in healthy.flights:
-        if turns_yaw(log) == yaw or len(healthy.flights) == 1:
-            pieces = Innovations(Fwmav(), log, healthy.whitener(), healthy.base)
-            missed.append(gap.ahead(pieces, (), gap.starts_of(pieces)))
+    for log in healthy.on(yaw):
+        pieces = Innovations(Fwmav(), log, healthy.whitener(), healthy.base)
+        missed.append(gap.ahead(pieces, (), gap.starts_of(pieces)))
     return np.sqrt(np.mean(np.concatenate(missed) ** 2, axis=0))
 
 
@@ -126,24 +124,12 @@ def diagnose(log, fresh=None, without=(), own=None):
     fit = search.explain()
     proofs = evidence.evidence(search, fit)
     order = sorted(range(len(proofs)), key=lambda i: -proofs[i].worth)
-    fit, proofs = replace(fit, causes=tuple(fit.causes[i] for i in order)), [proofs[i] for i in order]
-    fit = search.fitter.fit_of(fit.causes)
+    fit, proofs = search.fitter.fit_of([fit.causes[i] for i in order]), [proofs[i] for i in order]
 
-    generic, feigned = Generic(pieces), _feigned(noise, yaw)
-    first, last = generic.left(search.base.left), generic.left(fit.left)
-    share = _share(first, last, feigned[0])
-    systematic = last.significance() < SIGNIFICANT and last.peak > FEIGNED * feigned[1]
-    another = fit.cost / pieces.degrees > ANOTHER or (shaking is not None and not shaking.alike)
-    word = "known" if fit.causes or shaking else "none"
-    if another or (systematic and (share > UNEXPLAINED or not fit.causes)):
-        word = "unknown"
-    if word == "known" and not shaking and max(p.confidence for p in proofs) < BELIEVED:
-        word = "unknown" if systematic else "none"
-    trust = (1 - share) if systematic else 1.0
     starts, floor = gap.starts_of(pieces), _floor(noise, yaw)
     before, after = gap.errors(search.fitter, fit, starts)
-    if _worse(before, after):
-        word, trust = "unknown", trust * BELIEVED
+    unexplained = _unexplained(search, fit, shaking, _feigned(noise, yaw))
+    word, trust = _verdict(fit, proofs, shaking, unexplained, _worse(before, after))
     effects = [_effect(search, fit, i, proof, trust, log) for i, proof in enumerate(proofs)]
     if shaking:
         effects.append(_vibration_effect(shaking, log))
@@ -155,7 +141,7 @@ def diagnose(log, fresh=None, without=(), own=None):
     pairs = [(cause, rival) for cause, proof in zip(fit.causes, proofs) for rival in proof.ambiguous]
     advice = advise.advise(search, pairs, blind_to)
     left = pieces.missed(), pieces.missed(active(fit.causes))
-    systematic_part = where.explained(pieces, left, fit)
+    systematic = where.explained(pieces, left, fit)
     report = {
         "platform": platform.name,
         "verdict": word,
@@ -164,24 +150,15 @@ def diagnose(log, fresh=None, without=(), own=None):
         "ambiguous_with": {c.name: list(p.ambiguous) for c, p in zip(fit.causes, proofs) if p.ambiguous},
         "suggested_excitation": f"{advice['drive']}: {advice['words']}" if advice else "",
         "where": {
-            "channels": where.channels(systematic_part),
-            "segments": where.segments(systematic_part, log, [s for c in fit.causes for span in c.segments for s in span]),
+            "channels": where.channels(systematic),
+            "segments": where.segments(systematic, log, [s for c in fit.causes for span in c.segments for s in span]),
             "regions": where.regions(before, floor, starts, log),
             "frequencies": where.frequencies(left[0], noise, log, pieces.known),
         },
         "gap": gap.summary(before, after, floor),
         "contributions": gap.contributions(pieces, fit.causes, starts),
         "not_testable": blind_to + (["vibration"] if "vibration" in without else []),
-        "unexplained": {
-            "share": share,
-            "p": last.significance(),
-            "matters": bool(systematic),
-            "another_vehicle": bool(another),
-            "times_noise": fit.cost / pieces.degrees,
-            "depends_on": [
-                {"on": on, "channel": channel, "share": part} for (on, channel), part in list(last.depends.items())[:4] if systematic
-            ],
-        },
+        "unexplained": unexplained,
         "vehicle": "own" if own is not None else "simulated",
         "axis": "yaw" if yaw else "pitch",
         "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt},
@@ -204,10 +181,35 @@ def _worse(before, after):
     return bool(now > WORSE * then)
 
 
-def _share(first, last, feigned):
-    """Of what generic accelerations find without any effect, beyond what healthy flights feign, that is left with them."""
-    before, after = first.gain - feigned, last.gain - feigned
-    return float(np.clip(after / before, 0, 1)) if before > 0 else 0.0
+def _unexplained(search, fit, shaking, feigned):
+    """What generic accelerations find beside the effects, against the (gain, peak) that healthy flights feign."""
+    generic = Generic(search.pieces)
+    first, last = generic.left(search.base.left), generic.left(fit.left)
+    before, after = first.gain - feigned[0], last.gain - feigned[0]
+    matters = bool(last.significance() < SIGNIFICANT and last.peak > FEIGNED * feigned[1])
+    times = fit.cost / search.pieces.degrees
+    depends = [{"on": on, "channel": channel, "share": part} for (on, channel), part in list(last.depends.items())[:4]]
+    return {
+        "share": float(np.clip(after / before, 0, 1)) if before > 0 else 0.0,
+        "p": last.significance(),
+        "matters": matters,
+        "another_vehicle": bool(times > ANOTHER or (shaking is not None and not shaking.alike)),
+        "times_noise": times,
+        "depends_on": depends if matters else [],
+    }
+
+
+def _verdict(fit, proofs, shaking, unexplained, worse):
+    """(the word of the contract, factor of the confidence in each effect)."""
+    left, found = unexplained["matters"], bool(fit.causes or shaking)
+    trust = 1 - unexplained["share"] if left else 1.0
+    if worse:
+        return "unknown", trust * BELIEVED
+    if unexplained["another_vehicle"] or (left and (unexplained["share"] > UNEXPLAINED or not fit.causes)):
+        return "unknown", trust
+    if found and not shaking and max(proof.confidence for proof in proofs) < BELIEVED:
+        return "unknown" if left else "none", trust
+    return "known" if found else "none", trust
 
 
 def _segments(cause_segments, log):

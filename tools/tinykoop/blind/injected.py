@@ -1,0 +1,103 @@
+"""Known effects put into a real flight: its first half is the healthy one, the second half gets the effect and is diagnosed.
+
+What the vehicle would have done cannot be known, but the log can be changed into that of a vehicle which did the same with
+the effect: a command that was smaller, earlier or off by a trim, a gyro that reads too much, sensors that are shaken more.
+
+    injected.json    one row for each effect: what was put in, what the report says
+"""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy import signal
+
+from .. import sim
+from ..results import number, output_folder, print_table, write_json
+from . import Command, DIAGNOSE, _each, _workers
+
+SHAKING = 10.0  # Hz, above which gyro and accelerometer are shaken
+
+
+def _shaken(log, a):
+    high = signal.butter(2, SHAKING, "high", fs=1 / log.dt, output="sos")
+    x = log.x.copy()
+    x[:, :6] += a * signal.sosfiltfilt(high, log.x[:, :6], axis=0)
+    return x, log.u
+
+
+def _turned(log, *bias):
+    return log.x + np.r_[bias, np.zeros(7)], log.u
+
+
+def _earlier(log, delay):
+    return log.x, np.interp(log.t + delay, log.t, log.u[:, 0])[:, None]
+
+
+CASES = {
+    "none": ((), lambda log: (log.x, log.u)),
+    "gyro_bias": ((0.0, 0.1, 0.0), _turned),
+    "vibration": ((1.0,), _shaken),
+    "trim_bias": ((0.05, 0.0), lambda log, pitch, _: (log.x, log.u - pitch)),
+    "gain": ((-0.5,), lambda log, a: (log.x, log.u / (1 + a))),
+    "delay": ((0.03,), _earlier),
+}
+
+
+def _one(name, data, healthy):
+    """(name, report) of one case, both logs given as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / file for file in ("log.csv", "healthy.csv")]
+        for path, content in zip(paths, (data, healthy)):
+            path.write_bytes(content)
+        return name, Command((*DIAGNOSE, "--platform", "fwmav", "--healthy", str(paths[1])))(paths[0], None)
+
+
+def run(out, path, jobs=None):
+    """Writes injected.json into `out` for the flight in `path`; returns its rows."""
+    from ..diagnose.flight import load
+
+    out, log = output_folder(out), load(path)
+    half = len(log.x) // 2
+    with tempfile.TemporaryDirectory() as folder, _workers(None, jobs):
+        file = Path(folder) / "part.csv"
+
+        def written(x, u, rows):
+            sim.write_log(file, x[rows], u[rows], log.dt, "fwmav")
+            return file.read_bytes()
+
+        healthy = written(log.x, log.u, slice(0, half))
+        calls = [(name, written(*change(log, *p), slice(half, None)), healthy) for name, (p, change) in CASES.items()]
+        reports = dict(_each(_one, calls, "effects in a real flight"))
+    rows = [_row(name, CASES[name][0], reports[name]) for name in CASES]
+    lines = [
+        [
+            row["injected"],
+            ", ".join(map(number, row["parameters"])) or "-",
+            row["verdict"],
+            row["found"] or "-",
+            "yes" if row["not_testable"] else "",
+        ]
+        for row in rows
+    ]
+    print_table(
+        f"Effects put into the second half of {Path(path).stem}", ["effect", "size", "verdict", "found", "said not testable"], lines
+    )
+    write_json(out / "injected.json", rows)
+    return rows
+
+
+def _row(name, parameters, report):
+    found = "; ".join(
+        f"{e['name']} {', '.join(number(v) for v in e['params'].values())} ({100 * e['confidence']:.0f} %)" for e in report["effects"]
+    )
+    return {
+        "injected": name,
+        "parameters": list(parameters),
+        "verdict": report["verdict"],
+        "found": found,
+        "effects": report["effects"],
+        "not_testable": name in report["not_testable"],
+        "times_noise": report["unexplained"]["times_noise"],
+        "frequencies": report["where"]["frequencies"],
+    }

@@ -204,8 +204,8 @@ def test_attitude_error_is_the_angle():
 # ---- bad input ----------------------------------------------------------------------------------
 
 
-def written(path, log, dt=None):
-    sim.write_log(path, log.x, log.u, dt or log.dt, "fwmav")
+def written(path, log):
+    sim.write_log(path, log.x, log.u, log.dt, "fwmav")
     return path
 
 
@@ -224,6 +224,14 @@ def test_bad_flight_is_refused_with_one_line(tmp_path, change, says):
     with pytest.raises(UserError, match=says) as refused:
         diagnosis.load(path)
     assert str(path) in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_flight_in_shreds_is_refused(tmp_path):
+    path = written(tmp_path / "flight.csv", NOISY)
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header + ",seg", *(f"{row},{i // 90}" for i, row in enumerate(rows))]) + "\n")
+    with pytest.raises(UserError, match="nowhere are 1.5 s in a row usable"):
+        diagnosis.load(path)
 
 
 def test_unknown_effect_is_refused():

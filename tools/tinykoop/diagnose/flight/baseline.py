@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from ... import sim
+from .gap import predictable
 from .innovations import Innovations, Whitener, settled
 from .search import FlightSearch
 from .vehicle import SHAKEN, follower, measured, observer_gain, turns_yaw
@@ -104,7 +105,8 @@ def of_vehicle(log, base):
     """
     count = max(2, int((len(log.x) - 1) * log.dt / PART))
     edges = np.arange(count + 1) * (len(log.x) - 1) // count
-    return _of(base, [(part, followed(part, base)) for part in (_part(log, a, b + 1) for a, b in zip(edges, edges[1:]))])
+    parts = [part for part in (_part(log, a, b + 1) for a, b in zip(edges, edges[1:])) if len(predictable(part))]
+    return _of(base, [(part, followed(part, base)) for part in parts or [log]])
 
 
 def _part(log, first, last):

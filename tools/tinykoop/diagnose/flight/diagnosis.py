@@ -52,6 +52,8 @@ def load(path):
         raise UserError(
             f"{path}: {log.usable.sum() * log.dt:.1f} s are usable, too few for a diagnosis; record {LEAST_SECONDS:g} s at least"
         )
+    if not len(gap.predictable(log)):
+        raise UserError(f"{path}: nowhere are 1.5 s in a row usable; record the flight with fewer gaps")
     if not np.any(np.diff(log.u[:, 0])):
         raise UserError(f"{path}: u never changes; log the command that the controller sends to the servo")
     return log
@@ -63,10 +65,7 @@ def _differ(healthy, yaw):
 
 
 def _pieces(platform, log, healthy):
-    pieces = Innovations(platform, log, healthy.whitener(), healthy.base, _differ(healthy, turns_yaw(log)))
-    if not len(pieces.starts):
-        raise UserError("nowhere are two seconds in a row usable; record the flight with fewer gaps")
-    return pieces
+    return Innovations(platform, log, healthy.whitener(), healthy.base, _differ(healthy, turns_yaw(log)))
 
 
 def _shaken(log, healthy):

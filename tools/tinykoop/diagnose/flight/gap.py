@@ -2,24 +2,26 @@
 
 import numpy as np
 
-from ...errors import UserError
 from ..fit import active
 from ..measure import HORIZONS, RESAMPLED, closed, rms
+from .innovations import settled
 from .vehicle import ANGLES, CHANNELS, wrapped
 
 WINDOWS = 400  # at most, spread over the log
 FOLDS, BLOCK = 4, 4.0  # s: rows of a fold, in turn
 
 
+def predictable(log):
+    """Rows that the observer knows and from which the longest horizon can be predicted."""
+    run = np.zeros(len(log.x), int)
+    for k in range(len(log.usable) - 1, -1, -1):
+        run[k] = run[k + 1] + 1 if log.usable[k] else 0
+    return np.flatnonzero(settled(log) & (run >= max(HORIZONS)))
+
+
 def starts_of(pieces):
-    """Rows from which the longest horizon can be predicted."""
-    usable = np.append(pieces.log.usable, False)
-    run = np.zeros(len(usable), int)
-    for k in range(len(usable) - 2, -1, -1):
-        run[k] = run[k + 1] + 1 if usable[k] else 0
-    rows = np.flatnonzero(pieces.known & (run >= max(HORIZONS)))
-    if not len(rows):
-        raise UserError(f"nowhere are {max(HORIZONS)} rows in a row usable after the first second; record the flight with fewer gaps")
+    """Some of the predictable rows, spread over the log."""
+    rows = predictable(pieces.log)
     return rows[:: max(1, len(rows) // WINDOWS)]
 
 

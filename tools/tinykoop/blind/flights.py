@@ -137,15 +137,16 @@ def report(rows):
     headers = [
         "flights",
         "right",
-        "right or ambiguous with it",
-        "or left out as not testable",
+        "or alias",
+        "or untestable",
         "known",
         "none",
         "unknown",
         "failed",
         "sure, wrong",
     ]
-    print_table("Flapping wing, blind", headers, lines)
+    note = "or alias: what the report calls ambiguous with it; or untestable: but for what the report calls that"
+    print_table("Flapping wing, blind", headers, lines, note)
 
 
 def draw_confusion(out, rows):

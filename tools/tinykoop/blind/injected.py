@@ -70,32 +70,23 @@ def run(out, path, jobs=None):
         calls = [(name, written(*change(log, *p), slice(half, None)), healthy) for name, (p, change) in CASES.items()]
         reports = dict(_each(_one, calls, "effects in a real flight"))
     rows = [_row(name, CASES[name][0], reports[name]) for name in CASES]
-    lines = [
-        [
-            row["injected"],
-            ", ".join(map(number, row["parameters"])) or "-",
-            row["verdict"],
-            row["found"] or "-",
-            "yes" if row["not_testable"] else "",
-        ]
-        for row in rows
-    ]
+    lines = []
+    for row in rows:
+        size = ", ".join(map(number, row["parameters"])) or "-"
+        found = ", ".join(f"{e['name']} {100 * e['confidence']:.0f} %" for e in row["effects"]) or "-"
+        lines.append([row["injected"], size, row["verdict"], found, "yes" if row["not_testable"] else ""])
     print_table(
-        f"Effects put into the second half of {Path(path).stem}", ["effect", "size", "verdict", "found", "said not testable"], lines
+        f"Effects put into the second half of {Path(path).stem}", ["effect", "size", "verdict", "found, how sure", "not testable"], lines
     )
     write_json(out / "injected.json", rows)
     return rows
 
 
 def _row(name, parameters, report):
-    found = "; ".join(
-        f"{e['name']} {', '.join(number(v) for v in e['params'].values())} ({100 * e['confidence']:.0f} %)" for e in report["effects"]
-    )
     return {
         "injected": name,
         "parameters": list(parameters),
         "verdict": report["verdict"],
-        "found": found,
         "effects": report["effects"],
         "not_testable": name in report["not_testable"],
         "times_noise": report["unexplained"]["times_noise"],

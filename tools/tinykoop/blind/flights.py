@@ -16,11 +16,11 @@ from ..results import console, output_folder, print_table, write_json
 from . import Command, DIAGNOSE, _each, _empty, _workers, diagnose, score
 
 TIERS = {
-    "none": "healthy vehicle",
-    "single": "one effect, all along",
-    "switch": "one effect, from some time on",
-    "pair": "two effects, all along",
-    "left_out": "one effect, taken out of the library",
+    "none": "none: healthy",
+    "single": "one, all along",
+    "switch": "one, from some time on",
+    "pair": "two, all along",
+    "left_out": "one, not in the library",
 }
 MANOEUVRES = ("hover", "pitch", "yaw")
 SECONDS = 40
@@ -135,7 +135,7 @@ def report(rows):
         lines.append([words, count("right"), count("held"), count("held_but"),
                       *(str(verdicts.count(v)) for v in ("known", "none", "unknown", "failed")), str(sure_wrong)])  # fmt: skip
     headers = [
-        "flights",
+        "effects",
         "right",
         "or alias",
         "or untestable",

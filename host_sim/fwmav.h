@@ -4,6 +4,9 @@
 
 #include "effects.h"
 
+#define FWMAV_TURN 6.283185307179586 /* rad */
+#define FWMAV_GUSTS 0.1              /* s, that turbulence lasts */
+
 /* Where things stand in a state. Angle and rate of a servo follow each other. */
 enum {
 	POSITION = 0,

@@ -4,8 +4,6 @@
 #include <math.h>
 #include <string.h>
 
-static const double TURN = 6.283185307179586;
-
 /* ---- Attitude estimate ---------------------------------------------------------- */
 
 static void angles(estimate *e) {
@@ -67,8 +65,8 @@ static double limited(double value, double most) {
 }
 
 double loop_step(loop *l, double asked, double angle, double rate, double dt) {
-	const double off = remainder(asked - angle, TURN);
-	l->rate += (1 - exp(-TURN * l->cutoff * dt)) * (rate - l->rate);
+	const double off = remainder(asked - angle, FWMAV_TURN);
+	l->rate += (1 - exp(-FWMAV_TURN * l->cutoff * dt)) * (rate - l->rate);
 	l->sum = limited(l->sum + l->i * off * dt, 0.5 * l->most);
 	return limited(l->p * off + l->sum - l->d * l->rate, l->most);
 }

@@ -20,7 +20,6 @@ static const char *const names[MANOEUVRES] = {"hover", "pitch", "yaw"};
 /* Of the air and the irregular beat: standard deviations and how long they last. Chosen so that a
  * hovering vehicle sways by one or two degrees. */
 static const double TURBULENCE[7] = {0.3, 0.3, 0.3, 4, 4, 4, 0.25}; /* m/s^2, rad/s^2, Hz */
-static const double LASTING = 0.1;                                  /* s */
 /* Of gears and frame, which rattle faster than the log can tell: what they add to gyro and
  * accelerometer. It turns the body nowhere, so it is a difference. Sizes as in logs of the 103-g vehicle. */
 static const double RATTLE[6] = {1.0, 0.4, 3.5, 3.2, 8.0, 7.0}; /* rad/s, m/s^2 */
@@ -30,7 +29,7 @@ static const double GYRO_BIAS = 0.005, ACCELEROMETER_BIAS = 0.1;    /* chosen */
 
 /* First-order Gauss-Markov processes. */
 static void blow(double *turbulence, uint64_t *random, double noise) {
-	const double kept = exp(-DT / LASTING), fresh = sqrt(1 - kept * kept);
+	const double kept = exp(-DT / FWMAV_GUSTS), fresh = sqrt(1 - kept * kept);
 	for (size_t i = 0; i < 7; i++) {
 		turbulence[i] = kept * turbulence[i] + fresh * noise * TURBULENCE[i] * random_normal(random);
 	}
@@ -147,7 +146,7 @@ static void take_off(flight *f, const tk_flight *settings, int manoeuvre) {
 	loops_start(f->loops);
 	f->estimate.q[0] = 1;
 	fwmav_hover(f->state);
-	f->state[PHASE] = f->noise > 0 ? 6.283185307179586 * random_uniform(&f->random) : 0;
+	f->state[PHASE] = f->noise > 0 ? FWMAV_TURN * random_uniform(&f->random) : 0;
 	fwmav_sway(fwmav_signal_at(&f->effects, 0, DT).vibration, f->state);
 	for (size_t i = 0; i < 6; i++) {
 		f->bias[i] = f->noise * (i < 3 ? GYRO_BIAS : ACCELEROMETER_BIAS) * random_normal(&f->random);

@@ -8,7 +8,6 @@
 #include "message.h"
 
 static const double TICK = 0.002;    /* s, at most: the flight controller's */
-static const double LASTING = 0.1;   /* s, of turbulence, as in fwmav_flight.c */
 static const double MOST_LIFT = 1.4; /* weights that the height hold asks for at most */
 static const double CLIMBING = 2.0;  /* s: how long it asks for more or less than the weight */
 
@@ -44,12 +43,11 @@ static double beat_held(const fwmav_signal *signal, double lift) {
 }
 
 /* Attitude (roll, pitch, yaw) of row k. */
-static const double *attitude(const tk_flown *log, size_t k, double *angles) {
+static void attitude(const tk_flown *log, size_t k, double *angles) {
 	const double *x = log->x + 10 * k;
 	angles[0] = x[7];
 	angles[1] = x[6];
 	angles[2] = x[8];
-	return angles;
 }
 
 /* What the servos are asked within the transition k -> k + 1: u runs straight from row to row. */
@@ -66,7 +64,7 @@ static void ask(follower *f, loop *loops, size_t k, const double *target) {
 		fwmav_signal signal = fwmav_signal_at(&f->effects, (double)tick * f->dt, f->dt);
 		for (int i = 0; i < SERVOS; i++) {
 			const int a = about[i];
-			const double turn = remainder(there[a] - here[a], 6.283185307179586);
+			const double turn = remainder(there[a] - here[a], FWMAV_TURN);
 			signal.servo[i] =
 			    i == axis ? (1 - share) * log->u[k] + share * log->u[k + 1]
 			              : loop_step(&loops[i], target[a], here[a] + share * turn, turn / log->dt, f->dt);
@@ -120,7 +118,7 @@ static void read_imu(const fwmav_signal *signal, const observed *o, double *imu)
 
 /* From row k to row k + 1; sensed: what is predicted there. */
 static void advance(const follower *f, size_t k, observed *o, double *sensed) {
-	const double kept = exp(-f->dt / LASTING), held = exp(-f->dt / CLIMBING);
+	const double kept = exp(-f->dt / FWMAV_GUSTS), held = exp(-f->dt / CLIMBING);
 	double imu[6], up[3];
 	fwmav_signal signal = signal_in(f, k * f->ticks, o);
 	for (size_t tick = k * f->ticks; tick < (k + 1) * f->ticks; tick++) {
@@ -144,7 +142,7 @@ static void correct(follower *f, size_t k, const double *predicted) {
 	double missed[TK_FWMAV_SENSED], change[TK_FWMAV_CORRECTED] = {0}, angles[3], R[3][3], turn[4];
 	attitude(f->log, k, angles);
 	for (size_t i = 0; i < 6; i++) { missed[i] = x[i] - predicted[i]; }
-	for (size_t i = 6; i < 9; i++) { missed[i] = remainder(angles[i - 6] - predicted[i], 6.283185307179586); }
+	for (size_t i = 6; i < 9; i++) { missed[i] = remainder(angles[i - 6] - predicted[i], FWMAV_TURN); }
 	for (size_t i = 0; i < TK_FWMAV_CORRECTED; i++) {
 		for (size_t j = 0; j < TK_FWMAV_SENSED; j++) {
 			change[i] += f->log->gain[i * TK_FWMAV_SENSED + j] * missed[j];
@@ -207,7 +205,8 @@ static int follow(follower *f, double *predicted, size_t n_starts, const int64_t
 
 /* ---- Interface --------------------------------------------------------------------------- */
 
-static int check(const tk_flown *log, size_t n_starts, const int64_t *starts) {
+static int check(const tk_flown *log, size_t n_starts, const int64_t *starts, size_t n_steps,
+                 const int64_t *steps) {
 	if (!log || !log->x || !log->u || !log->gain) { return fail("log, x, u and gain must be given"); }
 	if (!(log->dt > 0 && log->dt <= 0.1)) {
 		return fail("dt is %g s, it must be positive and at most 0.1 s", log->dt);
@@ -217,6 +216,9 @@ static int check(const tk_flown *log, size_t n_starts, const int64_t *starts) {
 		if (starts[i] < (i ? starts[i - 1] : 0) || starts[i] >= (int64_t)log->rows) {
 			return fail("starts must rise, within the log's rows");
 		}
+	}
+	for (size_t i = 0; i < n_steps; i++) {
+		if (steps[i] <= (i ? steps[i - 1] : 0)) { return fail("steps must rise, from 1"); }
 	}
 	return TK_OK;
 }
@@ -241,7 +243,7 @@ int tk_fwmav_follow(const tk_active *effects, size_t n_effects, const tk_flown *
 	if (!predicted || (n_effects && !effects) || (ahead && (!starts || !steps))) {
 		return fail("effects, predicted, starts and steps must be given");
 	}
-	if (check(log, ahead ? n_starts : 0, starts) != TK_OK) { return TK_ERROR; }
+	if (check(log, ahead ? n_starts : 0, starts, ahead ? n_steps : 0, steps) != TK_OK) { return TK_ERROR; }
 	follower f = {.log = log, .ticks = (size_t)ceil(log->dt / TICK - 1e-9), .felt = norm_felt(log)};
 	f.dt = log->dt / (double)f.ticks;
 	const double end = (double)log->rows * log->dt;

@@ -134,7 +134,7 @@ enum { TK_FWMAV_CORRECTED = 16, TK_FWMAV_SENSED = 9 };
  * commands as the log has them: u, and for the other two what the simulated controller makes of the
  * logged attitude. NaN in the first row and after an unusable transition, where the observer begins
  * anew, level with the logged attitude and at rest. From each row starts[i], in rising order, it
- * also runs on by itself: `ahead`, TK_FWMAV_SENSED for every start and each of `steps`, NaN where
+ * also runs on by itself: `ahead`, TK_FWMAV_SENSED for every start and each of the rising `steps`, NaN where
  * an unusable transition or the end of the log lies between; may be null. */
 TK_API int tk_fwmav_follow(const tk_active *effects, size_t n_effects, const tk_flown *log, double *predicted,
                            size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,

@@ -86,7 +86,11 @@ def test_push_is_an_acceleration():
 
 @pytest.mark.parametrize(
     "more, says",
-    [({"starts": [5, 3], "steps": [1]}, "must rise"), ({"starts": [5000], "steps": [1]}, "within the log")],
+    [
+        ({"starts": [5, 3], "steps": [1]}, "must rise"),
+        ({"starts": [5000], "steps": [1]}, "within the log"),
+        ({"starts": [5], "steps": [10, 1]}, "steps must rise"),
+    ],
 )
 def test_observer_refuses(more, says):
     with pytest.raises(UserError, match=says):
@@ -133,7 +137,7 @@ def test_whitener_undoes_a_vector_autoregression():
 def test_sensor_bias_of_usual_size_counts_little():
     """The covariance with a bias taken in, against what it is by definition."""
     log, healthy = sim.fwmav("hover", 8, 5)[0], simulated()
-    pieces = Innovations(vehicle.Fwmav(), log, healthy.whitener())
+    pieces = Innovations(vehicle.Fwmav(), log, healthy.whitener)
     U, shrunk = pieces._own, pieces._shrunk
     s2 = 1 / (1 - shrunk) ** 2 - 1
     w = np.random.default_rng(0).normal(size=len(U))
@@ -182,6 +186,14 @@ def test_vibration_is_measured():
     report = answer("yaw", 504, sim.Effect("vibration", (0.5,)))
     (found,) = report["effects"]
     assert found["name"] == "vibration" and abs(found["params"]["a"] - 0.5) < 0.05
+
+
+def test_vibration_of_a_part_is_not_another_vehicle():
+    report = answer("hover", 506, sim.Effect("vibration", (0.8,), 8.0))
+    (found,) = report["effects"]
+    assert report["verdict"] == "known" and not report["unexplained"]["another_vehicle"]
+    assert found["name"] == "vibration" and abs(found["params"]["a"] - 0.8) < 0.1
+    assert abs(found["segments"][0][0] - 8.0) <= 1.0
 
 
 def test_cause_out_of_the_library_is_not_known():

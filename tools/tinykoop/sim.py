@@ -374,10 +374,9 @@ def fwmav_follow(log, gain, active=(), yaw=False, heading=0.0, starts=(), steps=
     """An observer of the flapping-wing vehicle along a log: predicted (K, 9), ahead (S, H, 9) or None.
 
     Predicted are gyro (rad/s), accelerometer (m/s^2), roll, pitch and yaw (rad) of the next row; gain (16, 9) takes what
-    was missed to corrections of velocity, tilt, angular velocity, the accelerations by the air and the lift. yaw: u is the twist, else
-    the dihedral, and the vehicle holds this heading (rad). ahead: predictions
-    `steps` rows after `starts` (rising) without correction. push (K, 6): further accelerations (m/s^2, rad/s^2).
-    NaN where there is nothing to predict from.
+    was missed to corrections of velocity, tilt, angular velocity, the accelerations by the air and the lift. yaw: u is the
+    twist, else the dihedral, and the vehicle holds this heading (rad). ahead: predictions `steps` rows after `starts` (both
+    rising) without correction. push (K, 6): further accelerations (m/s^2, rad/s^2). NaN where there is nothing to predict from.
     """
     x, u, gain = _in(log.x, 10), _in(log.u, 1), _in(gain, FWMAV_SENSED)
     push = None if push is None else _in(push, 6)

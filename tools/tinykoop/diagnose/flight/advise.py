@@ -7,12 +7,13 @@ from ...errors import UserError
 from ..fit import ALWAYS, Cause
 from .innovations import Innovations
 from .search import FlightSearch
+from .vehicle import Fwmav
 
 MENU = {"hover": "hold still", "pitch": "tip to and fro", "yaw": "turn to and fro"}
 SECONDS, PAIRS = 20, 3
 
 
-def advise(search, pairs, hidden):
+def advise(search, healthy, pairs, hidden):
     """{drive, words, separation} of the flight that separates most; None if nothing is open.
 
     Separation: standard deviations, RMS per row, by which the best that the rival can do, or nothing, falls behind.
@@ -27,20 +28,19 @@ def advise(search, pairs, hidden):
     for manoeuvre, words in MENU.items():
         separation = {}
         for name, params, rival in questions:
-            separation[f"{name} or {rival or 'not'}"] = _separation(search, manoeuvre, Cause(name, params, ALWAYS), rival)
+            separation[f"{name} or {rival or 'not'}"] = _separation(healthy, manoeuvre, Cause(name, params, ALWAYS), rival)
         if best is None or sum(separation.values()) > sum(best["separation"].values()):
             best = {"drive": manoeuvre, "words": words, "separation": separation}
     return best
 
 
-def _separation(search, manoeuvre, cause, rival):
+def _separation(healthy, manoeuvre, cause, rival):
     """Of a simulated flight with this effect: by how much the rival, or nothing, explains it worse than the effect itself."""
-    pieces = search.pieces
     try:
-        log, _ = sim.fwmav(manoeuvre, SECONDS, 1, [*pieces.base, *cause.active()])
+        log, _ = sim.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *cause.active()])
     except UserError:  # it tumbles
         return 0.0
-    fitter = FlightSearch.fitter_type(Innovations(pieces.platform, log, pieces._whiten, pieces.base))
+    fitter = FlightSearch.fitter_type(Innovations(Fwmav(), log, healthy.whitener, healthy.base))
     other = fitter.fit_of(())
     if rival:
         other = fitter.refine(fitter.scan(rival, other)[0], steps=4)

@@ -1,7 +1,7 @@
 """What healthy flights leave: the simulator's own, or one of the vehicle's, to which the simulator is fitted first."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -29,7 +29,9 @@ class Baseline:
     spread: float  # standard deviation of log(shaking) over a second,
     between: float  # and between flights
 
+    @cached_property
     def whitener(self):
+        """What takes the noise of these flights for white."""
         return Whitener.fitted([missed for _, missed in self.flights])
 
     def on(self, yaw):
@@ -39,8 +41,7 @@ class Baseline:
 
     def differ(self, platform, yaw):
         """{effect: variances (p,)}: by how much healthy flights on this axis differ as if it acted, beyond noise."""
-        whiten = self.whitener()
-        found = [FlightSearch(Innovations(platform, log, whiten, self.base)).feigned() for log in self.on(yaw)]
+        found = [FlightSearch(Innovations(platform, log, self.whitener, self.base)).feigned() for log in self.on(yaw)]
         if len(found) < 2:
             return {}
         return {

@@ -20,6 +20,7 @@ RATE = 100.0  # Hz, of simulated flights
 LEAST_SECONDS = 6.0
 UNEXPLAINED = 0.1  # of what generic accelerations find may be left and the effects still be called the explanation
 ANOTHER = 1.4  # times the variance of a healthy flight, from which on this is not the simulated vehicle
+KICKED = 1.5  # s, on either side of where shaking changes
 TURNS = 2  # of noise and effects of a healthy flight
 WORSE = 1.1  # times the simulator's error of prediction, from which on effects are not believed
 BELIEVED = 0.2  # confidence below which a single effect is not known
@@ -64,24 +65,34 @@ def _differ(healthy, yaw):
     return healthy.differ(Fwmav(), yaw)
 
 
-def _pieces(platform, log, healthy):
-    return Innovations(platform, log, healthy.whitener(), healthy.base, _differ(healthy, turns_yaw(log)))
+def _pieces(platform, log, healthy, whiten=None):
+    return Innovations(platform, log, whiten or healthy.whitener, healthy.base, _differ(healthy, turns_yaw(log)))
 
 
 def _shaken(log, healthy):
-    """(Vibration or None, the baseline whose noise is that of the log)."""
+    """(Vibration or None, the baseline whose noise is that of most of the log, what whitens all of it)."""
     found = measure(log, healthy)
-    if found is None or healthy.base or found.segment != (0.0, np.inf):
-        return found, healthy
+    if found is None or healthy.base:
+        return found, healthy, healthy.whitener
     (_, _, low, high, _), *_ = sim.effects("fwmav")["vibration"][1]
-    return found, simulated(float(np.clip(round(found.a, 2), low, high)))
+    shaken, (t0, t1) = simulated(float(np.clip(round(found.a, 2), low, high))), found.segment
+    if (t0, t1) == (0.0, np.inf):
+        return found, shaken, shaken.whitener
+    t = (log.t - log.t[0])[:, None]
+    # shaking that sets in at once gives the body a kick, whatever else acts; and when, is known to a second
+    kicked = np.minimum(np.abs(t - t0), np.abs(t - t1)) < KICKED
+
+    def whiten(missed):
+        return np.where(kicked, np.nan, np.where((t >= t0) & (t < t1), shaken.whitener(missed), healthy.whitener(missed)))
+
+    return found, healthy, whiten
 
 
 def baseline_of(log):
     """The Baseline of the vehicle that a healthy flight shows: noise and effects by turns, as each is known from the other."""
     own = of_vehicle(log, ())
     for _ in range(TURNS):
-        pieces = Innovations(Fwmav(), log, own.whitener())
+        pieces = Innovations(Fwmav(), log, own.whitener)
         own = of_vehicle(log, active(FlightSearch(pieces).run().causes))
     return own
 
@@ -92,16 +103,17 @@ def _feigned(healthy, yaw):
     found = []
     for log in healthy.on(yaw):
         pieces = _pieces(Fwmav(), log, healthy)
-        left = Generic(pieces).left(pieces.whiten(pieces.missed()).ravel())
+        left = Generic(pieces).left(pieces.whiten(pieces.residual()).ravel())
         found.append((left.gain, left.peak))
     return np.max(found, axis=0)
 
 
+@lru_cache(maxsize=8)
 def _floor(healthy, yaw):
     """RMS (H, 9) of what is missed ahead on healthy flights."""
     missed = []
     for log in healthy.on(yaw):
-        pieces = Innovations(Fwmav(), log, healthy.whitener(), healthy.base)
+        pieces = Innovations(Fwmav(), log, healthy.whitener, healthy.base)
         missed.append(gap.ahead(pieces, (), gap.starts_of(pieces)))
     return np.sqrt(np.mean(np.concatenate(missed) ** 2, axis=0))
 
@@ -114,11 +126,11 @@ def diagnose(log, fresh=None, without=(), own=None):
         if name not in known:
             raise UserError(f"--without {name}: there is no such effect; there are {', '.join(known)}")
     healthy = baseline_of(own) if own is not None else simulated()
-    shaking, noise = _shaken(log, healthy)
+    shaking, noise, whiten = _shaken(log, healthy)
     if "vibration" in without:
         shaking = None
     yaw = turns_yaw(log)
-    pieces = _pieces(platform, log, noise)
+    pieces = _pieces(platform, log, noise, whiten)
     search = FlightSearch(pieces, without)
     fit = search.explain()
     proofs = evidence.evidence(search, fit)
@@ -138,8 +150,8 @@ def diagnose(log, fresh=None, without=(), own=None):
     rivals = {name for proof in proofs for name in proof.ambiguous}
     blind_to = [name for name in evidence.untestable(search, fit) if name not in rivals]
     pairs = [(cause, rival) for cause, proof in zip(fit.causes, proofs) for rival in proof.ambiguous]
-    advice = advise.advise(search, pairs, blind_to)
-    left = pieces.missed(), pieces.missed(active(fit.causes))
+    advice = advise.advise(search, noise, pairs, blind_to)
+    left = pieces.residual(), pieces.residual(active(fit.causes))
     systematic = where.explained(pieces, left, fit)
     report = {
         "platform": platform.name,

@@ -58,12 +58,12 @@ class Generic:
 
     def __init__(self, pieces):
         self.pieces, self.names, columns = pieces, [], []
-        plain = pieces.missed()
+        plain = pieces.whiten(pieces.residual())
         for on, (values, accelerations) in functions(pieces.log).items():
             for j in accelerations:
                 push = np.zeros((len(values), 6))
                 push[:, j] = PUSH[j] * values
-                columns.append((pieces.whiten(pieces.missed(push=push)) - pieces.whiten(plain)).ravel())
+                columns.append((pieces.whiten(pieces.residual(push=push)) - plain).ravel())
                 self.names.append((on, f"{'along' if j < 3 else 'about'} {AXES[j % 3]}"))
         F = np.stack(columns, 1)
         size = np.linalg.norm(F, axis=0)

@@ -72,17 +72,12 @@ class Innovations:
         runs = np.flatnonzero(np.diff(np.r_[0, self.known.astype(int), 0])).reshape(-1, 2)
         self.starts = np.concatenate([np.arange(a, b - self.L + 1, self.L) for a, b in runs] or [[]]).astype(np.int64)
         self.rows = self.starts[:, None] + np.arange(self.L)
-        self.lengths = np.full(len(self.starts), self.L)
         self._own, self._shrunk = np.zeros((self.rows.size * len(CHANNELS), 0)), np.zeros(0)
         self._allow(differ or {})
 
-    def missed(self, active=(), push=None):
+    def residual(self, active=(), push=None):
         """Measured less predicted (K, 9), with these effects beside the base."""
         return self.follow([*self.base, *active], push)[0]
-
-    def residual(self, active=()):
-        """As missed()."""
-        return self.missed(active)
 
     def white(self, missed):
         """(K, 9) -> (K, 9) of unit variance on a healthy flight; zero where nothing is known."""
@@ -95,7 +90,7 @@ class Innovations:
 
     def _allow(self, differ):
         """Takes the sensors' biases, and what differs between healthy flights, into the covariance."""
-        plain = self.whiten(self.missed()).ravel()
+        plain = self.whiten(self.residual()).ravel()
         columns = []
         for channel, size in enumerate(BIASES):
             shifted = replace(self.log, x=self.log.x + size * np.eye(self.log.x.shape[1])[channel])
@@ -108,7 +103,7 @@ class Innovations:
                     z = np.zeros(len(spec))
                     z[i] = size * (abs(parameter.usual) or 1.0)
                     z = np.clip(z, [p.low for p in spec], [p.high for p in spec])
-                    columns.append(self.whiten(self.missed([Effect(name, tuple(z))])).ravel() - plain)
+                    columns.append(self.whiten(self.residual([Effect(name, tuple(z))])).ravel() - plain)
         self._own, s, _ = np.linalg.svd(np.stack(columns, 1), full_matrices=False)
         self._shrunk = 1 - 1 / np.sqrt(1 + s**2)
 

@@ -11,7 +11,7 @@ UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3
 ANGLES = slice(6, 9)
 SHAKEN = slice(0, 6)  # of the IMU
 COLUMNS = [0, 1, 2, 3, 4, 5, 7, 6, 8]  # of a log, in the order of CHANNELS
-# of the turbulent air that the observer allows for, m/s^2 and rad/s^2, and how long it lasts (host_sim/fwmav_flight.c)
+# of the turbulent air that the observer allows for, m/s^2 and rad/s^2, and how long it lasts (host_sim/fwmav_flight.c, fwmav.h)
 AIR, LASTING = (0.3, 0.3, 0.3, 4.0, 4.0, 4.0), 0.1
 LIFT, CLIMBING, GRAVITY = 0.02, 2.0, 9.81  # weights that a height hold asks for, more or less, and how long, s; m/s^2
 NORTH = 0.3  # rad, from which on a heading is not zero

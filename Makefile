@@ -7,10 +7,10 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak determinism sanitize amalgamate packagers clean
 
 help: ## list the targets
-	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 # What the system must have; says how to get what is missing.
 system:
@@ -91,6 +91,24 @@ bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve 
 
 targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts (UPDATE=1 takes them over): footprint.json
 	@$(TINYKOOP) targets $(if $(UPDATE),--update)
+
+coverage: $(VENV)/ready ## lines, branches and MC/DC of lib/ that the C tests reach: coverage.json
+	@$(TINYKOOP) coverage
+
+fuzz: $(VENV)/ready ## libFuzzer on the CSV reader, every public call, sequences of calls (SECONDS= each): fuzz.json
+	@$(TINYKOOP) fuzz $(if $(SECONDS),--seconds "$(SECONDS)")
+
+static: $(VENV)/ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/: static.json
+	@$(TINYKOOP) static
+
+soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDATES= in all): soak.json
+	@$(TINYKOOP) soak $(if $(UPDATES),--updates "$(UPDATES)")
+
+determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
+	@$(TINYKOOP) determinism
+
+sanitize: build c-tests ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
+	@$(TINYKOOP) sanitize
 
 amalgamate: system ## the drop-in pair tinykoop.c, tinykoop.h (PREFIX=my_ goes before every name) and an Arduino library: amalgamated/
 	@$(PYTHON) tools/amalgamate.py --out $(BUILD)/out/amalgamated $(if $(PREFIX),--prefix "$(PREFIX)")

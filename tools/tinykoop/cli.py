@@ -38,6 +38,15 @@ def parser():
     cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
 
+    add("coverage", "lines, branches and MC/DC of lib/ that the C tests reach")
+    fuzz = add("fuzz", "libFuzzer on the CSV reader, every public call, and sequences of calls")
+    fuzz.add_argument("--seconds", type=float, default=60.0, help="for each target (default 60)")
+    add("static", "clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/")
+    soak = add("soak", "every kind of estimator through every kind of fault")
+    soak.add_argument("--updates", type=float, default=1e8, help="in all (default 1e8)")
+    add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
+    add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
+
     size = commands.add_parser("size", help="bytes and instructions of the library on a microcontroller, by your sizes")
     size.add_argument("--lifted", "-N", type=int, required=True, help="lifted states N")
     size.add_argument("--states", "-n", type=int, required=True, help="of which are the state itself")
@@ -161,6 +170,18 @@ def dispatch(a):
         from . import bench
 
         bench.run(a.out, ROOT / "build/bench")
+    elif a.command == "fuzz":
+        from .assure import fuzz
+
+        fuzz.run(a.out, a.seconds)
+    elif a.command == "soak":
+        from .assure import soak
+
+        soak.run(a.out, a.updates)
+    elif a.command in ("coverage", "static", "determinism", "sanitize"):
+        from importlib import import_module
+
+        import_module(f"tinykoop.assure.{a.command}").run(a.out)
     else:
         from importlib import import_module
 

@@ -16,6 +16,7 @@ from functools import partial, reduce
 from pathlib import Path
 
 from . import callgraph
+from .command import run as run_command
 from .errors import UserError
 from .results import number, output_folder, print_table, progress, write_bytes, write_json
 
@@ -76,19 +77,6 @@ def missing(which=shutil.which, has_specs=_has_specs):
 # ---- one build tree --------------------------------------------------------------------------------
 
 
-def _run(*command, timeout=600, **options):
-    """Its output; what fails is said with its last lines."""
-    command = [str(part) for part in command]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=timeout, **options)
-    except subprocess.TimeoutExpired:
-        raise UserError(f"no end after {timeout} s: {' '.join(command)}")
-    if done.returncode:
-        tail = "\n".join((done.stdout + done.stderr).strip().splitlines()[-15:])
-        raise UserError(f"exit status {done.returncode}: {' '.join(command)}\n{tail}")
-    return done.stdout + done.stderr
-
-
 class Tree:
     """The build of one target at one optimisation level."""
 
@@ -109,28 +97,28 @@ class Tree:
             "TINYKOOP_TESTS": "ON" if self.runs else "OFF",
             "TINYKOOP_TARGETS": "ON" if self.runs else "OFF",
         }
-        _run("cmake", "-S", ROOT, "-B", self.folder, *[f"-D{name}={value}" for name, value in options.items()])
+        run_command("cmake", "-S", ROOT, "-B", self.folder, *[f"-D{name}={value}" for name, value in options.items()])
         programs = ["tinykoop"] + (["closed_loop", "closed_loop_libm", "footprint"] if self.runs else [])
         programs += [f"test_{name}" for name in self.tests()] if self.tested else []
-        _run("cmake", "--build", self.folder, "--target", *programs)
+        run_command("cmake", "--build", self.folder, "--target", *programs)
 
     def ctest(self):
-        return json.loads(_run("ctest", "--test-dir", self.folder, "--show-only=json-v1"))["tests"]
+        return json.loads(run_command("ctest", "--test-dir", self.folder, "--show-only=json-v1"))["tests"]
 
     def tests(self):
         """Names of those to be run."""
         return [test["name"] for test in self.ctest() if not left_out(self.target, test["name"])]
 
     def test(self):
-        _run("ctest", "--test-dir", self.folder, "--output-on-failure", "-R", f"^({'|'.join(self.tests())})$")
+        run_command("ctest", "--test-dir", self.folder, "--output-on-failure", "-R", f"^({'|'.join(self.tests())})$")
 
     def emulate(self, program, *options):
         """What a program of targets/common prints; QEMU is called as CTest calls it."""
         *qemu, kernel, _ = self.ctest()[0]["command"]
-        return _run(*qemu, *options, kernel, self.folder / "targets/common" / program)
+        return run_command(*qemu, *options, kernel, self.folder / "targets/common" / program)
 
     def tool(self, name, *arguments):
-        return _run(f"{self.prefix}{name}", *arguments)
+        return run_command(f"{self.prefix}{name}", *arguments)
 
     @property
     def object(self):
@@ -176,9 +164,9 @@ def compare_loops(ours, theirs):
 def host_loops():
     """What the two programs print on the host."""
     folder = BUILD / "host"
-    _run("cmake", "-S", ROOT, "-B", folder, "-DTINYKOOP_HOST=OFF", "-DTINYKOOP_TARGETS=ON")
-    _run("cmake", "--build", folder)
-    return {name: _run(folder / "targets/common" / name) for name in ("closed_loop", "closed_loop_libm")}
+    run_command("cmake", "-S", ROOT, "-B", folder, "-DTINYKOOP_HOST=OFF", "-DTINYKOOP_TARGETS=ON")
+    run_command("cmake", "--build", folder)
+    return {name: run_command(folder / "targets/common" / name) for name in ("closed_loop", "closed_loop_libm")}
 
 
 # ---- footprint --------------------------------------------------------------------------------------

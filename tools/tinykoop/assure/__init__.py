@@ -1,0 +1,1 @@
+"""What shows that lib/ can be trusted: one module for each kind of evidence, each a command and a make target."""

@@ -118,10 +118,26 @@ static GLUE int plain_limits(const KOOP(rls) *rls, const KOOP(step) *step, real 
 /* Beyond this factor the scale is worked into M. */
 #define PLAIN_SCALE_MAX 1024
 
+static GLUE void plain_set_scale(KOOP(rls) *rls, real scale, real bound) {
+	const int near_one = scale > (real)1 / PLAIN_SCALE_MAX && scale < PLAIN_SCALE_MAX;
+	if (!near_one) { scaled(rls->covariance, scale, rls->covariance, plain_size(rls)); }
+	rls->covariance_scale = near_one ? scale : 1;
+	rls->covariance_bound = near_one ? bound : bound * scale;
+}
+
+/* P^-1 likewise, from P^-1 zeta in the first work vector. Paper, SIFt:
+ * R = R - (1 - lambda) / rho (R zeta)(R zeta)' + zeta zeta' */
+static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
+	const size_t rows = rls->n_regressors_padded;
+	const KOOP(change) dual = {rls->work, rls->zeta, -1};
+	scaled(rls->work, MATH(sqrt)(step->inflate * rls->config.lambda), rls->work, rows);
+	change_all(&dual, plain_inverse(rls), rows);
+}
+
 static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const size_t rows = rls->n_regressors_padded;
 	const real old_scale = rls->covariance_scale, size = MATH(fabs)(denominator) / old_scale;
-	real *M = rls->covariance, *inverse_zeta = rls->work, *v = rls->work + rows, *up = rls->work + 2 * rows;
+	real *v = rls->work + rows, *up = rls->work + 2 * rows;
 	KOOP(change) change = {v, NULL, denominator > 0 ? (real)-1 : (real)1};
 	real trace, scale, bound, growth = rls->gain_square * size;
 
@@ -140,21 +156,10 @@ static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomin
 	                              (rls->config.check == KOOP_CHECK_DIAGONAL || factors(rls, &change));
 	if (!positive_definite && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }
 
-	if (rls->config.regulator->needs_information) {
-		/* paper, SIFt: R = R - (1 - lambda) / rho (R zeta)(R zeta)' + zeta zeta' */
-		scaled(inverse_zeta, MATH(sqrt)(step->inflate * rls->config.lambda), inverse_zeta, rows);
-		const KOOP(change) dual = {inverse_zeta, rls->zeta, -1};
-		change_all(&dual, plain_inverse(rls), rows);
-	}
-	change_all(&change, M, rows);
-	rls->covariance_scale = scale;
-	rls->covariance_bound = bound;
+	if (rls->config.regulator->needs_information) { plain_change_inverse(rls, step); }
+	change_all(&change, rls->covariance, rows);
+	plain_set_scale(rls, scale, bound);
 	rls->positive_definite = positive_definite;
-	if (!(scale > (real)1 / PLAIN_SCALE_MAX && scale < PLAIN_SCALE_MAX)) {
-		scaled(M, scale, M, plain_size(rls));
-		rls->covariance_scale = 1;
-		rls->covariance_bound = bound * scale;
-	}
 	return KOOP_OK;
 }
 

@@ -3,29 +3,16 @@
  * vanishes, cut off by the box, as long as that goes downhill; else a shorter step that
  * does. So no set of bounds comes twice. */
 
-/* Writes down which inputs are free: all but those at a bound that the way down the slope
- * presses against it. Returns whether that has changed. A few that no longer are free leave
- * the factor, if none comes back; else it is to be made anew. */
-#define MPC_MOST_DROPPED 8
+/* Which bound holds an input against the way down the slope, if any. */
+static signed char holder(real v, real slope, real low, real high) {
+	const int upper = v >= high && slope <= 0, lower = !upper && v <= low && slope >= 0;
+	return (signed char)(HELD * (upper - lower));
+}
 
-static int choose_free(KOOP(mpc) *mpc, const real *slope) {
-	const KOOP(mpc_config) *c = &mpc->config;
-	const size_t m = c->n_inputs, V = c->horizon * m;
-	signed char *wanted = (signed char *)mpc->work;
-	int dropped = 0, back = 0;
-	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
-		const real v = mpc->plan[q], g = slope[q];
-		const int held = v >= c->u_max[j] && g <= 0 ? HELD : v <= c->u_min[j] && g >= 0 ? -HELD : FREE;
-		wanted[q] = (signed char)held;
-		if (mpc->set[q] == FREE) {
-			dropped += held != FREE;
-		} else {
-			back += held == FREE;
-		}
-	}
-	if (dropped + back == 0) { return 0; }
-	if (back > 0 || dropped > MPC_MOST_DROPPED) { mpc->factored = 0; }
-	for (size_t q = 0, r = 0; q < V; q++) {
+/* Writes down which inputs are free, where that is another choice: those that no longer are leave
+ * the factor, if there still is one. */
+static void adopt_free(KOOP(mpc) *mpc, const signed char *wanted) {
+	for (size_t q = 0, r = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
 		if (!in_factor(mpc->set[q])) {
 			mpc->set[q] = wanted[q];
 			continue;
@@ -34,6 +21,27 @@ static int choose_free(KOOP(mpc) *mpc, const real *slope) {
 		mpc->set[q] = (signed char)(DROPPED * wanted[q]);
 		r++;
 	}
+}
+
+/* Chooses the free inputs: all but those at a bound that the way down the slope presses against it.
+ * Returns whether they are others than before. A few that no longer are free leave the factor, if
+ * none comes back; else it is to be made anew. */
+#define MPC_MOST_DROPPED 8
+
+static int choose_free(KOOP(mpc) *mpc, const real *slope) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t m = c->n_inputs, V = c->horizon * m;
+	signed char *wanted = (signed char *)mpc->work;
+	int dropped = 0, back = 0;
+	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
+		wanted[q] = holder(mpc->plan[q], slope[q], c->u_min[j], c->u_max[j]);
+		const int was_free = mpc->set[q] == FREE, is_free = wanted[q] == FREE;
+		dropped += was_free > is_free;
+		back += is_free > was_free;
+	}
+	if (dropped + back == 0) { return 0; }
+	if (back > 0 || dropped > MPC_MOST_DROPPED) { mpc->factored = 0; }
+	adopt_free(mpc, wanted);
 	return 1;
 }
 
@@ -62,13 +70,17 @@ static int try_newton(KOOP(mpc) *mpc, int in_box) {
 	return newton_step(mpc, mpc->trial, mpc->gradient, in_box);
 }
 
+static int have_factor(KOOP(mpc) *mpc) {
+	return mpc->factored ? KOOP_OK : factor_free(mpc);
+}
+
 /* -step = Newton's, of those inputs only that it does not push against a bound that they
  * are at: the others are held too, more of them each time. It leads downhill, for some way
  * inside the box. */
 static int find_way(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	do {
-		const int status = mpc->factored ? KOOP_OK : factor_free(mpc);
+		const int status = have_factor(mpc);
 		if (status != KOOP_OK) { return status; }
 		try_newton(mpc, 0);
 		for (size_t q = 0; q < V; q++) { mpc->step[q] = mpc->plan[q] - mpc->trial[q]; }
@@ -103,9 +115,10 @@ OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
 	}
 }
 
-/* The factor of an earlier solve stays while two more steps with it would do: the model
+/* The factor, if of an earlier solve, stays while two more steps with it would do: the model
  * changes little from one to the next. */
 static void review_factor(KOOP(mpc) *mpc, int downhill) {
+	if (mpc->fresh) { return; }
 	const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->other);
 	const real rho = after / before;
 	if (!(downhill && after * rho * rho <= mpc->config.tolerance)) { mpc->factored = 0; }
@@ -138,28 +151,33 @@ static int leads_down(const KOOP(mpc) *mpc, real before, real residual, int agai
 	return rise(mpc) < 0 || (residual < before && (again || residual < mpc->noise));
 }
 
+/* A Newton step. *whole: no bound has cut it short; comes in for the step before. */
+static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int *goes_on) {
+	const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
+	mpc->planned = 0;
+	const int again = !guessed && !choose_free(mpc, mpc->gradient) && *whole;
+	const int status = have_factor(mpc);
+	if (status != KOOP_OK) { return status; }
+	*whole = try_newton(mpc, 1) && mpc->fresh;
+	if (again && result->residual < mpc->noise) { /* a last correction; no need to look */
+		copy(mpc->plan, mpc->trial, mpc->config.horizon * mpc->config.n_inputs);
+		*goes_on = 0;
+		return KOOP_OK;
+	}
+	const real residual = evaluate(mpc, mpc->trial, mpc->other);
+	const int downhill = leads_down(mpc, result->residual, residual, again);
+	*whole &= downhill;
+	review_factor(mpc, downhill);
+	if (!downhill && (guessed || !mpc->fresh)) { return KOOP_OK; }
+	return take_step(mpc, result, residual, downhill, again, goes_on);
+}
+
 /* Newton steps while they lead downhill. */
 OUT_OF_LINE static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
-	int whole = 0; /* the last step was Newton's, and no bound has cut it short */
-	int goes_on = 1;
+	int whole = 0, goes_on = 1;
 	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && goes_on && result->residual > mpc->config.tolerance; k++) {
 		result->iterations++;
-		const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
-		mpc->planned = 0;
-		const int again = !guessed && !choose_free(mpc, mpc->gradient) && whole;
-		int status = mpc->factored ? KOOP_OK : factor_free(mpc);
-		if (status != KOOP_OK) { return status; }
-		whole = try_newton(mpc, 1) && mpc->fresh;
-		if (again && result->residual < mpc->noise) { /* a last correction; no need to look */
-			copy(mpc->plan, mpc->trial, mpc->config.horizon * mpc->config.n_inputs);
-			return KOOP_OK;
-		}
-		const real residual = evaluate(mpc, mpc->trial, mpc->other);
-		const int downhill = leads_down(mpc, result->residual, residual, again);
-		whole = whole && downhill;
-		if (!mpc->fresh) { review_factor(mpc, downhill); }
-		if (!downhill && (guessed || !mpc->fresh)) { continue; }
-		status = take_step(mpc, result, residual, downhill, again, &goes_on);
+		const int status = step_newton(mpc, result, &whole, &goes_on);
 		if (status != KOOP_OK) { return status; }
 	}
 	return KOOP_OK;
@@ -167,46 +185,63 @@ OUT_OF_LINE static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) 
 
 /* ---- Public ------------------------------------------------------------------- */
 
-static COLD int mpc_config_check(const KOOP(mpc_config) *c) {
-	if (!c || !c->Q || !c->R || !c->u_min || !c->u_max || !c->u_safe) { return KOOP_E_NULL; }
-	const size_t n = c->n_states, m = c->n_inputs;
-	if (n < 1 || n > c->n_lifted || m < 1 || c->n_lifted > KOOP_MAX_DIM || m > KOOP_MAX_DIM - c->n_lifted) {
-		return KOOP_E_SIZE;
-	}
-	if (c->horizon < 1 || c->horizon > KOOP_MPC_MAX_HORIZON) { return KOOP_E_SIZE; }
-	if (!all_finite(c->Q, n * n) || !all_finite(c->R, m * m) || (c->S && !all_finite(c->S, m * m))) {
-		return KOOP_E_INPUT;
-	}
-	for (size_t j = 0; j < m; j++) {
-		if (!(c->R[j * m + j] > 0)) { return KOOP_E_RANGE; }
-		if (!(is_finite(c->u_min[j]) && is_finite(c->u_max[j]))) { return KOOP_E_INPUT; }
-		if (!(c->u_min[j] <= c->u_safe[j] && c->u_safe[j] <= c->u_max[j])) { return KOOP_E_RANGE; }
-	}
-	if (!(c->tolerance >= 0 && is_finite(c->tolerance))) { return KOOP_E_RANGE; }
-	if (c->method != KOOP_MPC_NEWTON && c->method != KOOP_MPC_GRADIENT) { return KOOP_E_RANGE; }
-	return KOOP_OK;
+static COLD int mpc_sizes_check(const KOOP(mpc_config) *c) {
+	const size_t N = c->n_lifted, n = c->n_states, m = c->n_inputs;
+	if (N > KOOP_MAX_DIM || n < 1 || n > N || m < 1 || m > KOOP_MAX_DIM - N) { return KOOP_E_SIZE; }
+	return c->horizon >= 1 && c->horizon <= KOOP_MPC_MAX_HORIZON ? KOOP_OK : KOOP_E_SIZE;
 }
 
-/* L L' = M for a symmetric positive semidefinite M (null: 0), by Cholesky's method
- * on the largest element of the diagonal that is left. Returns whether M is one. */
-static COLD int root(real *L, const real *M, size_t n) {
-	real largest = 0;
-	for (size_t i = 0; i < n * n; i++) { L[i] = 0; }
-	for (size_t i = 0; M && i < n; i++) { largest = max_of(largest, M[i * n + i]); }
-	for (size_t k = 0; M && k < n; k++) {
-		real most = 8 * REAL_EPSILON * largest;
-		size_t pivot = n;
-		for (size_t i = 0; i < n; i++) {
-			const real left = M[i * n + i] - dot(L + i * n, L + i * n, k);
-			if (left > most) { pivot = i; }
-			most = max_of(most, left);
-		}
-		if (pivot == n) { break; }
-		for (size_t i = 0; i < n; i++) {
-			L[i * n + k] = (M[i * n + pivot] - dot(L + i * n, L + pivot * n, k)) / MATH(sqrt)(most);
+static COLD int weights_are_finite(const KOOP(mpc_config) *c) {
+	const size_t n = c->n_states, m = c->n_inputs;
+	return all_finite(c->Q, n * n) && all_finite(c->R, m * m) && (!c->S || all_finite(c->S, m * m));
+}
+
+static COLD int mpc_settings_check(const KOOP(mpc_config) *c) {
+	const size_t m = c->n_inputs;
+	if (!all_finite(c->u_min, m) || !all_finite(c->u_max, m)) { return KOOP_E_INPUT; }
+	for (size_t j = 0; j < m; j++) {
+		if (!(c->R[j * m + j] > 0)) { return KOOP_E_RANGE; }
+		if (!(c->u_min[j] <= c->u_safe[j] && c->u_safe[j] <= c->u_max[j])) { return KOOP_E_RANGE; }
+	}
+	const int known = c->method == KOOP_MPC_NEWTON || c->method == KOOP_MPC_GRADIENT;
+	return known && is_nonnegative(c->tolerance) ? KOOP_OK : KOOP_E_RANGE;
+}
+
+static COLD int mpc_config_check(const KOOP(mpc_config) *c) {
+	if (!c || !c->Q || !c->R || !c->u_min || !c->u_max || !c->u_safe) { return KOOP_E_NULL; }
+	const int status = mpc_sizes_check(c);
+	if (status != KOOP_OK) { return status; }
+	return weights_are_finite(c) ? mpc_settings_check(c) : KOOP_E_INPUT;
+}
+
+/* Column k of L, on the largest element of the diagonal that is left; returns whether that is above `least`.
+ */
+static COLD int root_column(real *L, const real *M, size_t n, size_t k, real least) {
+	size_t pivot = n;
+	for (size_t i = 0; i < n; i++) {
+		const real left = M[i * n + i] - dot(L + i * n, L + i * n, k);
+		if (left > least) {
+			pivot = i;
+			least = left;
 		}
 	}
-	for (size_t i = 0; M && i < n * n; i++) {
+	if (pivot == n) { return 0; }
+	for (size_t i = 0; i < n; i++) {
+		L[i * n + k] = (M[i * n + pivot] - dot(L + i * n, L + pivot * n, k)) / MATH(sqrt)(least);
+	}
+	return 1;
+}
+
+/* L L' = M for a symmetric positive semidefinite M (null: 0), by Cholesky's method with pivots.
+ * Returns whether M is one. */
+static COLD int root(real *L, const real *M, size_t n) {
+	real largest = 0;
+	size_t k = 0;
+	for (size_t i = 0; i < n * n; i++) { L[i] = 0; }
+	if (!M) { return 1; }
+	for (size_t i = 0; i < n; i++) { largest = max_of(largest, M[i * n + i]); }
+	while (k < n && root_column(L, M, n, k, 8 * REAL_EPSILON * largest)) { k++; }
+	for (size_t i = 0; i < n * n; i++) {
 		const real left = M[i] - dot(L + i / n * n, L + i % n * n, n);
 		if (!(MATH(fabs)(left) <= MATH(sqrt)(REAL_EPSILON) * largest)) { return 0; }
 	}
@@ -232,16 +267,10 @@ COLD int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 	return KOOP_OK;
 }
 
-COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage, size_t reals) {
-	const int status = mpc_config_check(config);
-	if (status != KOOP_OK) { return status; }
-	if (!mpc || !storage) { return KOOP_E_NULL; }
-	if (reals < mpc_reals_needed(config)) { return KOOP_E_STORAGE; }
-
-	const size_t n = config->n_states, m = config->n_inputs, H = config->horizon, V = H * m;
-	for (size_t i = 0; i < mpc_reals_needed(config); i++) { storage[i] = 0; }
-	mpc->config = *config;
-	if (!(config->tolerance > 0)) { mpc->config.tolerance = MPC_TOLERANCE; }
+/* Where everything is in the storage. */
+static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon, V = H * m;
 	const size_t states = n * padded(H), inputs = padded(V);
 	mpc->markov = storage;
 	mpc->free_error = mpc->markov + n * V;
@@ -258,17 +287,38 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	mpc->work = mpc->roots + 2 * m * m + n * n;
 	mpc->way = mpc->trial;
 	mpc->bent = mpc->other;
-	const size_t newton = config->method == KOOP_MPC_NEWTON;
-	mpc->square = newton ? mpc->work + KOOP_MPC_WORK(config->n_lifted, n, m, H) : NULL;
-	mpc->generator = newton ? mpc->square + GROUP * (GROUP + 1) : NULL;
-	mpc->factor = newton ? mpc->generator + generator_rows(config) * inputs + WINDOW : NULL;
+	mpc->square = mpc->generator = mpc->factor = NULL;
+	if (c->method == KOOP_MPC_NEWTON) {
+		mpc->square = mpc->work + KOOP_MPC_WORK(c->n_lifted, n, m, H);
+		mpc->generator = mpc->square + GROUP * (GROUP + 1);
+		mpc->factor = mpc->generator + generator_rows(c) * inputs + WINDOW;
+	}
+}
+
+/* Whether R, S and Q are positive semidefinite. */
+static COLD int take_roots(KOOP(mpc) *mpc) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t n = c->n_states, m = c->n_inputs;
+	return root(mpc->roots, c->R, m) && root(mpc->roots + m * m, c->S, m) &&
+	       root(mpc->roots + 2 * m * m, c->Q, n);
+}
+
+COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage, size_t reals) {
+	const int status = mpc_config_check(config);
+	if (status != KOOP_OK) { return status; }
+	if (!mpc || !storage) { return KOOP_E_NULL; }
+	if (reals < mpc_reals_needed(config)) { return KOOP_E_STORAGE; }
+
+	for (size_t i = 0; i < mpc_reals_needed(config); i++) { storage[i] = 0; }
+	mpc->config = *config;
+	if (!(config->tolerance > 0)) { mpc->config.tolerance = MPC_TOLERANCE; }
+	mpc_lay_out(mpc, storage);
 	mpc->steepest = 1;
 	mpc->noise = 0;
-	for (size_t j = 0; j < m; j++) {
+	for (size_t j = 0; j < config->n_inputs; j++) {
 		mpc->noise = max_of(mpc->noise, 128 * REAL_EPSILON * (config->u_max[j] - config->u_min[j]));
 	}
-	if (!root(mpc->roots, config->R, m) || !root(mpc->roots + m * m, config->S, m) ||
-	    !root(mpc->roots + 2 * m * m, config->Q, n)) {
+	if (!take_roots(mpc)) {
 		mpc->plan = NULL; /* refused from now on */
 		return KOOP_E_RANGE;
 	}
@@ -287,9 +337,16 @@ static void shift_plan(KOOP(mpc) *mpc) {
 	}
 }
 
+static int arguments_are_finite(const KOOP(mpc_config) *c, const real *psi, const real *reference,
+                                const real *u_before) {
+	return all_finite(psi, c->n_lifted) && all_finite(reference, c->horizon * c->n_states) &&
+	       (!c->S || all_finite(u_before, c->n_inputs));
+}
+
 static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
                  const real *u_before, KOOP(mpc_result) *result) {
 	const KOOP(mpc_config) *c = &mpc->config;
+	if (!arguments_are_finite(c, psi, reference, u_before)) { return KOOP_E_INPUT; }
 	int status = condense(mpc, theta, psi, reference, u_before);
 	if (status != KOOP_OK) { return status; }
 	mpc->fresh = 0;
@@ -301,23 +358,19 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	                                                                                      : KOOP_E_OVERFLOW;
 }
 
+static int is_ready(const KOOP(mpc) *mpc, const real *u_before) {
+	return mpc && mpc->plan && (!mpc->config.S || u_before);
+}
+
 int KOOP(mpc_solve)(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
                     const real *u_before, real *u, KOOP(mpc_result) *result) {
 	KOOP(mpc_result) seen = {0, 0};
-	if (!mpc || !mpc->plan || !theta || !psi || !reference || !u) { return KOOP_E_NULL; }
-	if (mpc->config.S && !u_before) { return KOOP_E_NULL; }
-	const size_t m = mpc->config.n_inputs, H = mpc->config.horizon;
-
-	int status = KOOP_E_INPUT;
-	if (all_finite(psi, mpc->config.n_lifted) && all_finite(reference, H * mpc->config.n_states) &&
-	    (!mpc->config.S || all_finite(u_before, m))) {
-		status = solve(mpc, theta, psi, reference, u_before, &seen);
-	}
+	if (!is_ready(mpc, u_before) || !theta || !psi || !reference || !u) { return KOOP_E_NULL; }
+	const int status = solve(mpc, theta, psi, reference, u_before, &seen);
 	if (status != KOOP_OK) { KOOP(mpc_reset)(mpc); }
 	mpc->planned = status == KOOP_OK;
-	for (size_t j = 0; j < m; j++) {
-		u[j] = status == KOOP_OK ? mpc->plan[(H - 1) * m + j] : mpc->config.u_safe[j];
-	}
+	/* after a reset that is u_safe */
+	copy(u, mpc->plan + (mpc->config.horizon - 1) * mpc->config.n_inputs, mpc->config.n_inputs);
 	if (result) { *result = seen; }
 	return status;
 }

@@ -195,10 +195,10 @@ OUT_OF_LINE static int factor_group(const KOOP(mpc) *mpc, size_t from, size_t r,
 	real *sum = mpc->square, *before = sum + GROUP * GROUP;
 	const size_t size = mpc->n_free, end = r == from ? size : r + GROUP;
 	for (size_t i = 0; i < count; i++) { before[i] = factor_row(mpc, r + i)[r + i]; }
-	if (r > from) { square_above(mpc, from, r, r, sum); }
+	square_above(mpc, from, r, r, sum);
 	for (size_t i = 0; i < count; i++) {
 		real *row = factor_row(mpc, r + i) + r;
-		for (size_t k = i; r > from && k < count; k++) { row[k] -= sum[i * GROUP + k]; }
+		for (size_t k = i; k < count; k++) { row[k] -= sum[i * GROUP + k]; }
 		for (size_t k = 0; k < i; k++) {
 			const real *above = factor_row(mpc, r + k) + r;
 			add_scaled(row + i, -above[i], above + i, end - r - i);
@@ -240,14 +240,19 @@ OUT_OF_LINE static void add_generated(const KOOP(mpc) *mpc, real *y, real *z, si
 	}
 }
 
-OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
-	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, length = padded(V);
-	size_t lead, count = 0;
+/* What the old factor still had of inputs that are held is nothing to the new one. */
+static void count_free(KOOP(mpc) *mpc) {
 	mpc->n_free = 0;
-	for (size_t q = 0; q < V; q++) {
+	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
 		if (in_factor(mpc->set[q])) { mpc->set[q] /= DROPPED; }
 		mpc->n_free += mpc->set[q] == FREE;
 	}
+}
+
+OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
+	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, length = padded(V);
+	size_t lead, count = 0;
+	count_free(mpc);
 	generate(mpc);
 	int status = factor_leading(mpc, &lead);
 	real *rows = mpc->work; /* one block of the Schur complement, from its first column on */
@@ -333,6 +338,13 @@ static void substitute_forwards(const KOOP(mpc) *mpc, real *step) {
 	}
 }
 
+/* step = -gradient over the inputs of the factor, in its order */
+static void gather_descent(const KOOP(mpc) *mpc, const real *gradient, real *step) {
+	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
+		if (in_factor(mpc->set[q])) { *step++ = -gradient[q]; }
+	}
+}
+
 /* v over the free inputs to where the gradient vanishes. Back substitution runs forwards in
  * time: with `in_box`, an input that meets its bound stays there and the later ones make
  * the best of it. Returns whether none did. */
@@ -341,9 +353,7 @@ static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box
 	const size_t m = c->n_inputs, V = c->horizon * m, size = mpc->n_free;
 	real *step = mpc->work; /* the rows of the Hessian are done with */
 	int inside = 1;
-	for (size_t q = 0, r = 0; q < V; q++) {
-		if (in_factor(mpc->set[q])) { step[r++] = -gradient[q]; }
-	}
+	gather_descent(mpc, gradient, step);
 	substitute_forwards(mpc, step);
 	for (size_t q = V, r = size, j = 0, end = 0; q-- > 0;) {
 		j = j > 0 ? j - 1 : m - 1;
@@ -357,10 +367,9 @@ static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box
 		const real *row = factor_row(mpc, r);
 		for (size_t k = r + 1; k < end; k++) { step[r] -= row[k] * step[k]; }
 		step[r] *= row[r];
-		const real from = v[q];
-		v[q] += step[r];
-		if (in_box && (v[q] < c->u_min[j] || v[q] > c->u_max[j])) {
-			v[q] = clip(v[q], c->u_min[j], c->u_max[j]);
+		const real from = v[q], to = from + step[r];
+		v[q] = in_box ? clip(to, c->u_min[j], c->u_max[j]) : to;
+		if (v[q] != to) {
 			step[r] = v[q] - from;
 			inside = 0;
 		}

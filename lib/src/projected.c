@@ -86,29 +86,52 @@ static real bend(KOOP(mpc) *mpc) {
 	return curvature;
 }
 
+/* One step along the way. *goes_on: no bound has cut it short, nor was one left. */
+static int go_along(KOOP(mpc) *mpc, int leaving, real *curvature, int *goes_on) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	*curvature = bend(mpc);
+	const real wanted = -dot(mpc->way, mpc->gradient, V) / *curvature, room = room_along(mpc);
+	const real length = wanted < room ? wanted : room;
+	const int cut = !(wanted <= room);
+	if (!is_finite(length)) { return KOOP_E_OVERFLOW; }
+	add_scaled(mpc->plan, length, mpc->way, V);
+	add_scaled(mpc->gradient, length, mpc->bent, V);
+	clip_all(&mpc->config, mpc->plan);
+	if (cut && !leaving) { project_gradient(mpc); }
+	*goes_on = !cut && !leaving;
+	return KOOP_OK;
+}
+
+/* The residual at the plan. While the steps go on, by the gradient that they have updated, and
+ * only where that is `due` or says that all is done by a new one; returns whether it then was. */
+static int look(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int goes_on, int due) {
+	if (goes_on) {
+		result->residual = kkt_residual(mpc, mpc->plan, mpc->gradient);
+		if (result->residual > mpc->config.tolerance && !due) { return 0; }
+	}
+	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
+	return goes_on;
+}
+
+/* Whether what is left can be all round-off, and is not half of what the last look saw. */
+static int stalls(const KOOP(mpc) *mpc, real residual, real *last) {
+	const int stalled = residual < mpc->noise && !(residual < *last / 2);
+	*last = residual;
+	return stalled;
+}
+
 #define MPC_REFRESH 100 /* steps until the gradient is evaluated again, not updated */
 
 OUT_OF_LINE static int descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
-	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	const real tolerance = mpc->config.tolerance;
-	real best = REAL_MAX;
+	real last = REAL_MAX, curvature;
 	int goes_on = 0;
-	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > tolerance;
+	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance;
 	     k++, result->iterations++) {
 		const int leaving = !goes_on && begin_way(mpc);
-		const real curvature = bend(mpc), wanted = -dot(mpc->way, mpc->gradient, V) / curvature;
-		const real room = room_along(mpc), length = wanted < room ? wanted : room;
-		if (!is_finite(length)) { return KOOP_E_OVERFLOW; }
-		add_scaled(mpc->plan, length, mpc->way, V);
-		add_scaled(mpc->gradient, length, mpc->bent, V);
-		clip_all(&mpc->config, mpc->plan);
-		goes_on = wanted <= room && !leaving;
-		if (wanted > room && !leaving) { project_gradient(mpc); }
-		if (goes_on) { result->residual = kkt_residual(mpc, mpc->plan, mpc->gradient); }
-		const int settled = goes_on && (result->residual <= tolerance || k % MPC_REFRESH == 0);
-		if (!goes_on || settled) { result->residual = evaluate(mpc, mpc->plan, mpc->gradient); }
-		if (settled && result->residual < mpc->noise && !(result->residual < best / 2)) { break; }
-		if (settled) { best = result->residual; }
+		const int status = go_along(mpc, leaving, &curvature, &goes_on);
+		if (status != KOOP_OK) { return status; }
+		const int settled = look(mpc, result, goes_on, k % MPC_REFRESH == 0);
+		if (settled && stalls(mpc, result->residual, &last)) { break; }
 		goes_on = goes_on && !settled && continue_way(mpc, curvature);
 	}
 	return KOOP_OK;

@@ -1,18 +1,18 @@
 /* Recursive least squares on lifted snapshots. Paper, eq. (4). */
 
+static COLD int settings_in_range(const KOOP(config) *c) {
+	const int forgetting = c->lambda > 0 && c->lambda <= 1;
+	const int covariance = is_within(c->p0, REAL_MIN, REAL_MAX / 2) && is_within(c->tau0, 0, REAL_MAX / 8);
+	const int check = c->check >= KOOP_CHECK_REFUSE && c->check <= KOOP_CHECK_DIAGONAL;
+	return forgetting && covariance && check && is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
+}
+
 static COLD int config_check(const KOOP(config) *c) {
 	if (!c || !c->regulator || !c->regulator->decide || !c->form) { return KOOP_E_NULL; }
 	const int status = dictionary_check(c->dictionary);
 	if (status != KOOP_OK) { return status; }
 	if (c->n_inputs < 1 || c->n_inputs > KOOP_MAX_DIM - c->dictionary->n_lifted) { return KOOP_E_SIZE; }
-	/* written so that NaN fails */
-	if (!(c->lambda > 0 && c->lambda <= 1)) { return KOOP_E_RANGE; }
-	if (!(c->p0 >= REAL_MIN && c->p0 < REAL_MAX / 2)) { return KOOP_E_RANGE; }
-	if (!(c->delta >= 0 && is_finite(c->delta))) { return KOOP_E_RANGE; }
-	if (!(c->tau0 >= 0 && c->tau0 < REAL_MAX / 8)) { return KOOP_E_RANGE; }
-	if (!(c->eps_sift >= 0 && is_finite(c->eps_sift))) { return KOOP_E_RANGE; }
-	if (c->check < KOOP_CHECK_REFUSE || c->check > KOOP_CHECK_DIAGONAL) { return KOOP_E_RANGE; }
-	return KOOP_OK;
+	return settings_in_range(c) ? KOOP_OK : KOOP_E_RANGE;
 }
 
 /* Takes over the configuration; what it needs of storage. */
@@ -62,7 +62,7 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 
 COLD int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
 	if (!rls || !rls->covariance) { return KOOP_E_NULL; }
-	if (!(p0 >= REAL_MIN && p0 < REAL_MAX / 2)) { return KOOP_E_RANGE; }
+	if (!is_within(p0, REAL_MIN, REAL_MAX / 2)) { return KOOP_E_RANGE; }
 	rls->config.form->reset(rls, p0);
 	rls->positive_definite = 1;
 	return KOOP_OK;
@@ -113,24 +113,26 @@ static GLUE int theta_stays_finite(const KOOP(rls) *rls, real innovation, real *
 	return *bound < REAL_MAX / 2;
 }
 
+/* psi_next - Theta zeta in rls->error, its norm in *innovation. */
+static GLUE int compute_error(KOOP(rls) *rls, const real *psi_next, real *innovation) {
+	const size_t N = rls->n_lifted, d = rls->n_regressors;
+	weighted_rows(rls->error, rls->theta, rls->zeta, d, rls->n_lifted_padded);
+	/* NaN and Inf reach the norm from wherever they come */
+	*innovation = MATH(sqrt)(subtract_from(rls->error, psi_next, N));
+	if (is_finite(*innovation)) { return KOOP_OK; }
+	return all_finite(rls->zeta, d) && all_finite(psi_next, N) ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
+}
+
 static GLUE int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                            KOOP(health) *health) {
-	const size_t N = rls->n_lifted, d = rls->n_regressors, columns = rls->n_lifted_padded;
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 1, 1};
-	real *error = rls->error;
 	real denominator, bound;
 
 	load_regressor(rls, psi, u);
-	weighted_rows(error, rls->theta, rls->zeta, d, columns);
-	/* NaN and Inf reach the norm from wherever they come */
-	health->innovation = MATH(sqrt)(subtract_from(error, psi_next, N));
-	if (!is_finite(health->innovation)) {
-		const int finite = all_finite(rls->zeta, d) && all_finite(psi_next, N);
-		return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
-	}
-
-	int status = rls->config.regulator->decide(rls, health->innovation, &step);
+	int status = compute_error(rls, psi_next, &health->innovation);
+	if (status != KOOP_OK) { return status; }
+	status = rls->config.regulator->decide(rls, health->innovation, &step);
 	if (status != KOOP_OK) { return status; }
 	health->gated = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
@@ -144,7 +146,7 @@ static GLUE int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const
 	}
 
 	/* nothing can fail from here on */
-	add_outer(rls->theta, 1, rls->gain, error, d, columns);
+	add_outer(rls->theta, 1, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
 	rls->theta_bound = bound;
 	return KOOP_OK;
 }

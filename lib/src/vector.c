@@ -44,6 +44,15 @@ static int all_finite(const real *x, size_t n) {
 	return sum == 0;
 }
 
+/* Of a setting; NaN is neither. */
+static int is_nonnegative(real a) {
+	return a >= 0 && is_finite(a);
+}
+
+static int is_within(real a, real low, real below) {
+	return a >= low && a < below;
+}
+
 static real max_of(real a, real b) {
 	return a > b ? a : b;
 }

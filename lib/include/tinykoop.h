@@ -72,7 +72,7 @@ enum {
 #define KOOP_PAD(k) (((size_t)(k) + 3u) / 4u * 4u)
 #define KOOP_TRIANGLE(d) (KOOP_PAD(d) * (KOOP_PAD(d) + 4u) / 2u)
 #define KOOP_TRIANGLE_AT(i, j) /* where element (i, j) is, j <= i */                                         \
-	((i) / 4u * ((i) / 4u + 1u) * 8u + (j) / 4u * 16u + (i) % 4u * 4u + (j) % 4u)
+	((i) / 4u * ((i) / 4u + 1u) * 8u + (size_t)(j) / 4u * 16u + (i) % 4u * 4u + (j) % 4u)
 #ifndef KOOP_VECTORS
 #if defined(__SSE2__) || defined(__ARM_NEON) || defined(__ARM_FEATURE_MVE) || defined(__riscv_vector)
 #define KOOP_VECTORS 1
@@ -105,8 +105,8 @@ enum {
 
 /* Number of reals of the controller's storage, for N lifted states of which n
  * are tracked, m inputs and a horizon of H steps. */
-#define KOOP_MPC_WINDOW 8u /* arrays are padded to this */
-#define KOOP_MPC_GROUP 4u  /* rows of the factor at a time */
+#define KOOP_MPC_WINDOW 8u         /* arrays are padded to this */
+#define KOOP_MPC_GROUP ((size_t)4) /* rows of the factor at a time */
 #define KOOP_MPC_PAD(k) (((size_t)(k) + KOOP_MPC_WINDOW - 1u) / KOOP_MPC_WINDOW * KOOP_MPC_WINDOW)
 #define KOOP_MPC_MAX(a, b) ((a) > (b) ? (a) : (b))
 #define KOOP_MPC_WORK(N, n, m, H)                                                                            \

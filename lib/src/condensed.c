@@ -69,7 +69,8 @@ static void correlate(real *y, const real *g, const real *x, size_t n) {
 }
 
 static real clip(real x, real low, real high) {
-	return x < low ? low : x > high ? high : x;
+	const real least = x < low ? low : x;
+	return least > high ? high : least;
 }
 
 /* Which input follows input j: a remainder would be a division for every element. */
@@ -294,7 +295,7 @@ OUT_OF_LINE static int condense(KOOP(mpc) *mpc, const real *theta, const real *p
 		if (c->S) { mpc->u_before[j] = u_before[j]; }
 		for (size_t a = 0; a < H; a++) {
 			sum += response_weight(mpc, a, j);
-			const real diagonal = sum + (a > 0 ? 2 : 1) * rate;
+			const real diagonal = sum + (real)(a > 0 ? 2 : 1) * rate;
 			if (!is_finite(diagonal)) { return KOOP_E_OVERFLOW; }
 			if (!(diagonal > 0)) { return KOOP_E_INDEFINITE; }
 			mpc->inverse[a * m + j] = 1 / diagonal;

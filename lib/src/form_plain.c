@@ -95,7 +95,8 @@ static int factors(const KOOP(rls) *rls, const KOOP(change) *c) {
 	real *tile = plain_factor(rls);
 	for (size_t i = 0; i < d; i += 4) {
 		for (size_t j = 0; j <= i; j += 4, tile += 16) { changed_tile(c, tile, rls->covariance, i, j, rows); }
-		for (size_t k = 0; k < 4; k++) { tile[5 * k - 16] -= lowered * tile[5 * k - 16]; }
+		real *last = tile - 16; /* the one on the diagonal */
+		for (size_t k = 0; k < 4; k++) { last[5 * k] -= lowered * last[5 * k]; }
 	}
 	return factor_triangle(plain_factor(rls), d);
 }

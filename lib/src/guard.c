@@ -70,7 +70,7 @@ static void compare_response(KOOP(guard) *g, const KOOP(mpc) *mpc) {
 	for (size_t p = 0; p < pairs; p++) { g->square[p] = g->along[p] = 0; }
 	for (size_t step = 0; step < g->horizon; step++) {
 		const real *own = g->response + step * pairs;
-		KOOP(mpc_sensitivity)(mpc, step, g->now);
+		(void)KOOP(mpc_sensitivity)(mpc, step, g->now);
 		for (size_t p = 0; p < pairs; p++) {
 			g->square[p] += weight(g, p / m) * g->now[p] * g->now[p];
 			g->along[p] += weight(g, p / m) * g->now[p] * own[p];
@@ -130,9 +130,9 @@ static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
 	if (g->model != ONLINE) {
 		const real *from = fallback(g) == LAST_GOOD ? g->last_good : g->offline;
 		g->error[ONLINE] = g->error[fallback(g)];
-		KOOP(rls_copy_theta)(rls, from);
+		(void)KOOP(rls_copy_theta)(rls, from);
 	}
-	KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN);
+	(void)KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN);
 	g->distrusted = 0;
 	g->resets++;
 }
@@ -166,7 +166,7 @@ static int plan_on_best(KOOP(guard) *g, KOOP(mpc) *mpc, KOOP(request) *r) {
 		if (model == ONLINE) { distrust(g); }
 		if (model == LAST_GOOD) { g->have_last_good = 0; }
 		model = fallback(g);
-		KOOP(mpc_reset)(mpc);
+		(void)KOOP(mpc_reset)(mpc);
 	}
 	return r->status == KOOP_OK ? model : KOOP_GUARD_NONE;
 }
@@ -240,7 +240,7 @@ static int learn_response(KOOP(guard) *g, KOOP(mpc) *mpc) {
 	/* last_good and response are still zero: a robot and a reference at rest */
 	const int status =
 	    KOOP(mpc_solve)(mpc, g->offline, g->last_good, g->response, g->last_good, g->size, NULL);
-	KOOP(mpc_reset)(mpc);
+	(void)KOOP(mpc_reset)(mpc);
 	if (status != KOOP_OK) { return status; }
 	for (size_t step = 0; step < g->horizon; step++) {
 		KOOP(mpc_sensitivity)(mpc, step, g->response + step * n * m);
@@ -284,14 +284,14 @@ int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(
 	const size_t needed = KOOP_GUARD_REALS(c->n_lifted, c->n_states, c->n_inputs, c->horizon);
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	memset(guard, 0, sizeof *guard);
+	(void)memset(guard, 0, sizeof *guard);
 	set_config(guard, config ? config : &guard->config);
 	set_storage(guard, c, storage, needed);
 	copy(guard->offline, offline, theta_reals(guard));
 	guard->model = OFFLINE;
 	guard->wait = guard->delay = guard->config.patience;
 	const int learned = learn_response(guard, mpc);
-	if (learned != KOOP_OK) { memset(guard, 0, sizeof *guard); }
+	if (learned != KOOP_OK) { (void)memset(guard, 0, sizeof *guard); }
 	return learned;
 }
 

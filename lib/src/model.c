@@ -21,7 +21,7 @@ static COLD uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t coun
 
 static COLD void model_header(const KOOP(rls) *rls, unsigned char *header) {
 	const char *name = rls->config.dictionary->name;
-	memcpy(header, "KOOP", 4);
+	(void)memcpy(header, "KOOP", 4);
 	put(header + 4, 1, 2);
 	put(header + 6, sizeof(real), 2);
 	put(header + 8, (uint32_t)rls->n_lifted, 2);

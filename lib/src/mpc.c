@@ -82,7 +82,7 @@ static int find_way(KOOP(mpc) *mpc) {
 	do {
 		const int status = have_factor(mpc);
 		if (status != KOOP_OK) { return status; }
-		try_newton(mpc, 0);
+		(void)try_newton(mpc, 0);
 		for (size_t q = 0; q < V; q++) { mpc->step[q] = mpc->plan[q] - mpc->trial[q]; }
 	} while (choose_free(mpc, mpc->step));
 	return KOOP_OK;
@@ -107,11 +107,13 @@ static real way_to_bound(const KOOP(mpc) *mpc) {
 OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	const real least = way_to_bound(mpc);
-	for (real length = 1;; length = length > MPC_SHORTEST ? max_of(length / 4, least) : least) {
+	real length = 1;
+	for (;;) {
 		for (size_t q = 0; q < V; q++) { mpc->trial[q] = mpc->plan[q] - length * mpc->step[q]; }
 		clip_all(&mpc->config, mpc->trial);
 		const real residual = evaluate(mpc, mpc->trial, mpc->other);
 		if (length <= least || rise(mpc) < 0) { return residual; }
+		length = length > MPC_SHORTEST ? max_of(length / 4, least) : least;
 	}
 }
 
@@ -216,7 +218,7 @@ static COLD int mpc_config_check(const KOOP(mpc_config) *c) {
 
 /* Column k of L, on the largest element of the diagonal that is left; returns whether that is above `least`.
  */
-static COLD int root_column(real *L, const real *M, size_t n, size_t k, real least) {
+static COLD int cholesky_column(real *L, const real *M, size_t n, size_t k, real least) {
 	size_t pivot = n;
 	for (size_t i = 0; i < n; i++) {
 		const real left = M[i * n + i] - dot(L + i * n, L + i * n, k);
@@ -234,13 +236,13 @@ static COLD int root_column(real *L, const real *M, size_t n, size_t k, real lea
 
 /* L L' = M for a symmetric positive semidefinite M (null: 0), by Cholesky's method with pivots.
  * Returns whether M is one. */
-static COLD int root(real *L, const real *M, size_t n) {
+static COLD int cholesky(real *L, const real *M, size_t n) {
 	real largest = 0;
 	size_t k = 0;
 	for (size_t i = 0; i < n * n; i++) { L[i] = 0; }
 	if (!M) { return 1; }
 	for (size_t i = 0; i < n; i++) { largest = max_of(largest, M[i * n + i]); }
-	while (k < n && root_column(L, M, n, k, 8 * REAL_EPSILON * largest)) { k++; }
+	while (k < n && cholesky_column(L, M, n, k, 8 * REAL_EPSILON * largest)) { k++; }
 	for (size_t i = 0; i < n * n; i++) {
 		const real left = M[i] - dot(L + i / n * n, L + i % n * n, n);
 		if (!(MATH(fabs)(left) <= MATH(sqrt)(REAL_EPSILON) * largest)) { return 0; }
@@ -299,8 +301,8 @@ static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
 static COLD int take_roots(KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs;
-	return root(mpc->roots, c->R, m) && root(mpc->roots + m * m, c->S, m) &&
-	       root(mpc->roots + 2 * m * m, c->Q, n);
+	return cholesky(mpc->roots, c->R, m) && cholesky(mpc->roots + m * m, c->S, m) &&
+	       cholesky(mpc->roots + 2 * m * m, c->Q, n);
 }
 
 COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage, size_t reals) {
@@ -367,7 +369,7 @@ int KOOP(mpc_solve)(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 	KOOP(mpc_result) seen = {0, 0};
 	if (!is_ready(mpc, u_before) || !theta || !psi || !reference || !u) { return KOOP_E_NULL; }
 	const int status = solve(mpc, theta, psi, reference, u_before, &seen);
-	if (status != KOOP_OK) { KOOP(mpc_reset)(mpc); }
+	if (status != KOOP_OK) { (void)KOOP(mpc_reset)(mpc); }
 	mpc->planned = status == KOOP_OK;
 	/* after a reset that is u_safe */
 	copy(u, mpc->plan + (mpc->config.horizon - 1) * mpc->config.n_inputs, mpc->config.n_inputs);

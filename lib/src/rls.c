@@ -41,7 +41,7 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	if (!rls || !storage) { return KOOP_E_NULL; }
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	configure(rls, config);
+	(void)configure(rls, config);
 	const size_t rows = rls->n_regressors_padded;
 	if (!(rls->config.tau0 > 0)) { rls->config.tau0 = rls->config.p0 * (real)rls->n_regressors; }
 	if (!(rls->config.eps_sift > 0)) { rls->config.eps_sift = (real)1e-10; }

@@ -13,7 +13,8 @@ import numpy as np
 
 from .errors import UserError
 
-_LIBRARY = Path(__file__).resolve().parents[2] / "build/host/host_sim/libtinykoop_sim.so"
+# The variable is for a build with sanitizers.
+_LIBRARY = Path(os.environ.get("TINYKOOP_SIM", Path(__file__).resolve().parents[2] / "build/host/host_sim/libtinykoop_sim.so"))
 _MAX_PARAMETERS = 6
 
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2

@@ -66,7 +66,11 @@ static int start_learner(void) {
 }
 #endif
 
-#ifdef LEARNER
+#ifdef MESSAGES
+static void run(void) {
+	for (int status = KOOP_E_MODEL - 4; status <= 2; status++) { koopf_status_message(status); }
+}
+#elif defined(LEARNER)
 static void run(void) {
 	static float flat[LIFTED * (LIFTED + INPUTS)], P[(LIFTED + INPUTS) * (LIFTED + INPUTS)],
 	    channels[2 * LIFTED], scores[3], delta;
@@ -74,7 +78,7 @@ static void run(void) {
 	koopf_lowpass filter;
 	koopf_health health;
 	if (!start_learner()) { return; }
-	for (int k = 0; k < 3; k++) {
+	for (int k = 0; k < 2; k++) {
 		new_sample();
 		koopf_lift(&dictionary, x, psi);
 		koopf_rls_update(&rls, psi, u, psi_next, any_int ? &health : NULL);
@@ -89,7 +93,6 @@ static void run(void) {
 	koopf_model_save(&rls, model, sizeof model);
 	for (size_t i = 0; i < sizeof model; i++) { model[i] = (unsigned char)any_int; }
 	koopf_model_load(&rls, model, sizeof model);
-	koopf_status_message(any_int);
 
 	fill(scores, 3);
 	koopf_threshold(scores, 3, any_float, &delta);

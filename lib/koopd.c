@@ -8,9 +8,12 @@
 #define REAL_MAX DBL_MAX
 #define REAL_MIN DBL_MIN
 #define REAL_EPSILON DBL_EPSILON
-#define OUTER_WIDTH 12     /* columns updated at a time: what fits six 16-byte registers */
-#define MPC_TOLERANCE 1e-9 /* of the KKT residual, by default */
-#define SPLIT 0            /* no sum is kept in two parts */
+#define REAL_DIGITS DBL_MANT_DIG
+#define REAL_BIAS (DBL_MAX_EXP - 1)
+#define OUTER_WIDTH 12        /* columns updated at a time: what fits six 16-byte registers */
+#define MPC_TOLERANCE 1e-9    /* of the KKT residual, by default */
+#define SPLIT 0               /* no sum is kept in two parts */
+#define ANGLE_MOST 1073741824 /* rad; beyond, quarter turns are no longer counted in 32 bits */
 #define MATH(function) function
 #define KOOP(name) koopd_##name
 

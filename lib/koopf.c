@@ -8,9 +8,12 @@
 #define REAL_MAX FLT_MAX
 #define REAL_MIN FLT_MIN
 #define REAL_EPSILON FLT_EPSILON
+#define REAL_DIGITS FLT_MANT_DIG
+#define REAL_BIAS (FLT_MAX_EXP - 1)
 #define OUTER_WIDTH 24      /* columns updated at a time: what fits six 16-byte registers */
 #define MPC_TOLERANCE 1e-5f /* of the KKT residual, by default */
 #define SPLIT 4097          /* 2^12 + 1 splits a mantissa in two: for sums in two parts */
+#define ANGLE_MOST 1048576  /* rad; beyond, neighbours are 1/8 rad apart */
 #define MATH(function) function##f
 #define KOOP(name) koopf_##name
 

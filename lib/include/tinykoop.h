@@ -18,6 +18,11 @@
  * Every call checks what it is given and returns a status. A call that refuses
  * leaves what was learned bit for bit as it was.
  *
+ * Same input, same bits: with any C compiler and optimisation level where float and
+ * double are those of IEEE 754 and a * b + c is not contracted. GCC contracts unless
+ * it gets -std=c99 or -ffp-contract=off, Clang unless it gets the latter; what is
+ * learned then differs in the last digits, from machine to machine.
+ *
  * Thread safety: separate objects may be used from separate threads. There are
  * no writable globals.
  */

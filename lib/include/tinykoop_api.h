@@ -38,7 +38,10 @@ extern const KOOP(dictionary) KOOP(poly_fwmav);
 extern const KOOP(dictionary) KOOP(rbf_fwmav);
 
 /* psi = Psi(x). Refuses a state or a result that is not finite; psi is then
- * not to be used. */
+ * not to be used. The four above take their sines, to less than one unit of the
+ * last place, from the library itself, not from libm; an angle beyond 2^20 rad, in
+ * double 2^30, has none (KOOP_E_OVERFLOW), and from 10^4 or 10^6 rad on its own
+ * last place is the larger error. Wrap it. */
 int KOOP(lift)(const KOOP(dictionary) *dictionary, const KOOP_REAL *x, KOOP_REAL *psi);
 
 /* ---- Regulator: what a sample does to Theta and P ------------------------ */

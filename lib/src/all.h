@@ -6,6 +6,7 @@
 
 #include "vector.c"
 #include "status.c"
+#include "elementary.c"
 
 #include "dictionary.c"
 #include "dictionary_ddr.c"

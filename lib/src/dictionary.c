@@ -22,11 +22,13 @@ int KOOP(lift)(const KOOP(dictionary) *dictionary, const real *x, real *psi) {
 /* out[4 i + j] = exp(-|(a, b) - (center[i], center[j])|^2 / (2 sigma^2)): a
  * Gaussian of two coordinates is a product of two, so 8 exponentials make 16. */
 static void gaussian_grid_4x4(real a, real b, const real *center, real sigma, real *out) {
-	const real factor = -1 / (2 * sigma * sigma);
-	real along_b[4];
-	for (size_t j = 0; j < 4; j++) { along_b[j] = MATH(exp)(factor * (b - center[j]) * (b - center[j])); }
+	const real factor = 1 / (2 * sigma * sigma);
+	real along_a[4], along_b[4];
 	for (size_t i = 0; i < 4; i++) {
-		const real along_a = MATH(exp)(factor * (a - center[i]) * (a - center[i]));
-		for (size_t j = 0; j < 4; j++) { out[4 * i + j] = along_a * along_b[j]; }
+		along_a[i] = factor * (a - center[i]) * (a - center[i]);
+		along_b[i] = factor * (b - center[i]) * (b - center[i]);
 	}
+	exp_minus_four(along_a);
+	exp_minus_four(along_b);
+	for (size_t i = 0; i < 4; i++) { scale_four(out + 4 * i, along_a[i], along_b); }
 }

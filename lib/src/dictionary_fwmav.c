@@ -16,10 +16,11 @@
  * The regressor has no constant: cos(pitch) and cos(roll) stand in for it. */
 
 static void lift_gravity(const real *x, real *out) {
-	out[0] = MATH(sin)(x[6]);
-	out[1] = MATH(cos)(x[6]);
-	out[2] = MATH(sin)(x[7]);
-	out[3] = MATH(cos)(x[7]);
+	KOOP(angle) pitch, roll;
+	reduce(&pitch, x[6]);
+	reduce(&roll, x[7]);
+	sine_cosine(&pitch, out);
+	sine_cosine(&roll, out + 2);
 }
 
 static void lift_poly_fwmav(const KOOP(dictionary) *self, const real *x, real *psi) {

@@ -12,8 +12,11 @@ COLD int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real r
 		return KOOP_E_RANGE;
 	}
 	const real pi = (real)3.14159265358979323846, root2 = (real)1.41421356237309504880;
-	/* the tangent, without a further function of libm */
-	const real sine = MATH(sin)(pi * (cutoff / rate)), k = sine / MATH(sqrt)((1 - sine) * (1 + sine));
+	KOOP(angle) angle;
+	real turn[2]; /* sine and cosine */
+	reduce(&angle, pi * (cutoff / rate));
+	sine_cosine(&angle, turn);
+	const real k = turn[0] / turn[1];
 	const real scale = 1 / (1 + root2 * k + k * k);
 	filter->n = n;
 	filter->b = k * k * scale;

@@ -1,6 +1,6 @@
 #include "robot.h"
 
-#include <math.h>
+#include <stdlib.h>
 
 #define PERIOD 0.05 /* s */
 #define TURN 1.4f   /* the path turns more than the commands: with slip, about what the box allows */
@@ -40,9 +40,20 @@ int agent_start(agent *a, const koopf_dictionary *dictionary, const koopf_regula
 	return koopf_mpc_init(&a->mpc, &control, a->mpc_storage, sizeof a->mpc_storage / sizeof *a->mpc_storage);
 }
 
+/* With the library's own functions: libm's differ from one target to the next. */
+static void sine_cosine(double angle, double *sine, double *cosine) {
+	const double x[STATES] = {0, 0, angle};
+	double psi[7];
+	if (koopd_lift(&koopd_poly_ddr, x, psi) != KOOP_OK) { abort(); }
+	*sine = psi[5];
+	*cosine = psi[6];
+}
+
 static void move(double pose[STATES], double v, double omega) {
-	pose[0] += v * cos(pose[2]) * PERIOD;
-	pose[1] += v * sin(pose[2]) * PERIOD;
+	double sine, cosine;
+	sine_cosine(pose[2], &sine, &cosine);
+	pose[0] += v * cosine * PERIOD;
+	pose[1] += v * sine * PERIOD;
 	pose[2] += omega * PERIOD;
 }
 
@@ -56,8 +67,11 @@ void robot_measure(const double pose[STATES], float x[STATES]) {
 }
 
 void robot_command(size_t k, float u[INPUTS]) {
-	u[0] = (float)(1.5 + 0.3 * sin(0.1 * (double)k));
-	u[1] = (float)(0.6 * cos(0.08 * (double)k));
+	double sine, cosine, unused;
+	sine_cosine(0.1 * (double)k, &sine, &unused);
+	sine_cosine(0.08 * (double)k, &unused, &cosine);
+	u[0] = (float)(1.5 + 0.3 * sine);
+	u[1] = (float)(0.6 * cosine);
 }
 
 void robot_path(double pose[STATES], float path[PATH * STATES]) {

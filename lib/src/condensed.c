@@ -40,7 +40,8 @@ static size_t padded(size_t k) {
 OUT_OF_LINE static UNKNOWN_CALLERS void add_windows(real *restrict y, const real *g, const real *x, size_t dx,
                                                     size_t n) {
 	LANES_8(WINDOW_BEGIN)
-	for (; !VECTORS && n >= 4; n -= 4, g += 4, x += 4) {
+#if !VECTORS
+	for (; n >= 4; n -= 4, g += 4, x += 4) {
 		const real a0 = g[0], a1 = g[1], a2 = g[2], a3 = g[3];
 		const real x0 = x[0], x1 = x[1], x2 = x[2], x3 = x[3], x4 = x[4], x5 = x[5];
 		const real x6 = x[6], x7 = x[7], x8 = x[8], x9 = x[9], x10 = x[10];
@@ -53,6 +54,7 @@ OUT_OF_LINE static UNKNOWN_CALLERS void add_windows(real *restrict y, const real
 		WINDOW_FOUR(6, 7, 8, 9)
 		WINDOW_FOUR(7, 8, 9, 10)
 	}
+#endif
 	for (; n > 0; n--) {
 		const real a = *g;
 		LANES_8(WINDOW_ADD)
@@ -93,10 +95,7 @@ static real *markov_row(const KOOP(mpc) *mpc, size_t i, size_t j) {
 /* sum + rest = sum + rest + a x, with `rest` for what rounding takes away: Dekker's
  * product and Knuth's sum. */
 static void add_product(real *sum, real *rest, real a, real x) {
-	if (SPLIT == 0) {
-		*sum += a * x;
-		return;
-	}
+#if SPLIT
 	const real split_a = SPLIT * a, split_x = SPLIT * x, product = a * x;
 	const real a1 = split_a - (split_a - a), a2 = a - a1;
 	const real x1 = split_x - (split_x - x), x2 = x - x1;
@@ -104,6 +103,10 @@ static void add_product(real *sum, real *rest, real a, real x) {
 	*rest += (a2 * x2 - (((product - a1 * x1) - a2 * x1) - a1 * x2)) +
 	         ((*sum - (total - part)) + (product - part));
 	*sum = total;
+#else
+	*sum += a * x;
+	(void)rest;
+#endif
 }
 
 /* change = A psi - psi. A robot's position is large against the way it goes in one
@@ -120,6 +123,16 @@ static void first_change(const real *theta, const real *psi, size_t N, real *cha
 	}
 	for (size_t i = 0; i < N; i++) { change[i] += rest[i]; }
 }
+
+#if VECTORS
+
+/* next = A now for each of `count` vectors */
+static void step_all(real *next, const real *A, const real *now, size_t N, size_t count) {
+	const size_t rows = KOOP_PAD(N);
+	for (size_t j = 0; j < count; j++) { weighted_rows(next + j * rows, A, now + j * rows, N, rows); }
+}
+
+#else
 
 #define STEP_BEGIN(lane) real p##lane = 0, q##lane = 0, r##lane = 0;
 #define STEP_ADD(lane)                                                                                       \
@@ -147,17 +160,15 @@ OUT_OF_LINE static void step_three(real *restrict y, const real *A, const real *
 	}
 }
 
-/* next = A now for each of `count` vectors */
 static void step_all(real *next, const real *A, const real *now, size_t N, size_t count) {
 	const size_t rows = KOOP_PAD(N);
-	for (size_t j = 0; VECTORS && j < count; j++) {
-		weighted_rows(next + j * rows, A, now + j * rows, N, rows);
-	}
-	for (size_t j = 0; !VECTORS && j < count; j += 3) {
+	for (size_t j = 0; j < count; j += 3) {
 		const size_t second = j + 1 < count ? rows : 0, third = j + 2 < count ? 2 * rows : second;
 		step_three(next + j * rows, A, now + j * rows, N, second, third);
 	}
 }
+
+#endif
 
 /* Markov parameters and free response less the reference, one pass of A over
  * m + 1 vectors. The free response is followed as its change from psi. */
@@ -169,17 +180,18 @@ static void predict(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 	copy(now, theta + N * rows, m * rows);
 	copy(now + m * rows, change, N);
 	for (size_t k = 0; k < H; k++) {
+		if (k > 0) {
+			step_all(next, theta, now, N, m + 1);
+			add_scaled(next + m * rows, 1, change, N);
+			real *swap = now;
+			now = next;
+			next = swap;
+		}
 		for (size_t i = 0; i < n; i++) {
 			const real *element = now + i;
 			for (size_t j = 0; j < m; j++, element += rows) { markov_row(mpc, i, j)[k] = *element; }
 			mpc->free_error[i * padded(H) + H - 1 - k] = (psi[i] - reference[k * n + i]) + *element;
 		}
-		if (k + 1 == H) { break; }
-		step_all(next, theta, now, N, m + 1);
-		add_scaled(next + m * rows, 1, change, N);
-		real *swap = now;
-		now = next;
-		next = swap;
 	}
 }
 

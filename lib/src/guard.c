@@ -121,7 +121,7 @@ static int fallback(const KOOP(guard) *g) {
 
 /* The online model is not tried for a while; for longer each time it was trusted in vain. */
 static void distrust(KOOP(guard) *g) {
-	if (g->wait < g->delay) { g->wait = g->delay; }
+	g->wait = g->delay;
 	if (g->model == ONLINE && g->delay < GUARD_LONGEST * g->config.patience) { g->delay *= 2; }
 }
 
@@ -309,7 +309,8 @@ int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const real *psi, cons
 	judge_sample(guard, rls->theta, psi, u, psi_next);
 	status = KOOP(rls_update)(rls, psi, u, psi_next, &seen);
 	if (health) { *health = seen; }
-	const int ruined = status != KOOP_E_INPUT && !(seen.finite && seen.positive_definite);
+	const int healthy = seen.finite && seen.positive_definite;
+	const int ruined = status != KOOP_E_INPUT && !healthy;
 	if (ruined || guard->distrusted >= guard->config.renewal) { renew(guard, rls); }
 	return status;
 }

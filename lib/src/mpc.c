@@ -153,6 +153,17 @@ static int leads_down(const KOOP(mpc) *mpc, real before, real residual, int agai
 	return rise(mpc) < 0 || (residual < before && (again || residual < mpc->noise));
 }
 
+/* A last correction of what round-off has left, without a look at it. But one that goes far is looked at: it
+ * may come of a Hessian that is singular but for round-off. */
+static void correct(KOOP(mpc) *mpc, real residual) {
+	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
+	real farthest = 0;
+	for (size_t q = 0; q < V; q++) { farthest = max_of(farthest, MATH(fabs)(mpc->trial[q] - mpc->plan[q])); }
+	if (farthest < mpc->noise || evaluate(mpc, mpc->trial, mpc->other) < residual) {
+		copy(mpc->plan, mpc->trial, V);
+	}
+}
+
 /* A Newton step. *whole: no bound has cut it short; comes in for the step before. */
 static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int *goes_on) {
 	const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
@@ -161,8 +172,8 @@ static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int
 	const int status = have_factor(mpc);
 	if (status != KOOP_OK) { return status; }
 	*whole = try_newton(mpc, 1) && mpc->fresh;
-	if (again && result->residual < mpc->noise) { /* a last correction; no need to look */
-		copy(mpc->plan, mpc->trial, mpc->config.horizon * mpc->config.n_inputs);
+	if (again && result->residual < mpc->noise) {
+		correct(mpc, result->residual);
 		*goes_on = 0;
 		return KOOP_OK;
 	}
@@ -354,10 +365,14 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	mpc->fresh = 0;
 	shift_plan(mpc);
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
-	status = c->method == KOOP_MPC_GRADIENT ? descend_projected(mpc, result) : descend_newton(mpc, result);
+	if (c->method == KOOP_MPC_GRADIENT) {
+		descend_projected(mpc, result);
+	} else {
+		status = descend_newton(mpc, result);
+	}
 	if (status != KOOP_OK) { return status; }
-	return is_finite(result->residual) && all_finite(mpc->plan, c->horizon * c->n_inputs) ? KOOP_OK
-	                                                                                      : KOOP_E_OVERFLOW;
+	/* the plan and behind it the gradient, which the residual need not show not to be finite */
+	return all_finite(mpc->plan, 2 * padded(c->horizon * c->n_inputs)) ? KOOP_OK : KOOP_E_OVERFLOW;
 }
 
 static int is_ready(const KOOP(mpc) *mpc, const real *u_before) {

@@ -82,24 +82,23 @@ static real bend(KOOP(mpc) *mpc) {
 	multiply_hessian(mpc, mpc->way, mpc->bent);
 	for (size_t q = 0; q < V; q++) { square += mpc->way[q] * mpc->way[q] / mpc->inverse[q]; }
 	const real curvature = dot(mpc->way, mpc->bent, V);
-	mpc->steepest = max_of(mpc->steepest, curvature / square);
+	mpc->steepest = max_of(curvature / square, mpc->steepest);
 	return curvature;
 }
 
 /* One step along the way. *goes_on: no bound has cut it short, nor was one left. */
-static int go_along(KOOP(mpc) *mpc, int leaving, real *curvature, int *goes_on) {
+static void go_along(KOOP(mpc) *mpc, int leaving, real *curvature, int *goes_on) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	*curvature = bend(mpc);
-	const real wanted = -dot(mpc->way, mpc->gradient, V) / *curvature, room = room_along(mpc);
+	const real bends = bend(mpc), room = room_along(mpc);
+	/* where it bends down, by round-off or by the weights, the best is at the bound */
+	const real wanted = bends < 0 ? (real)INFINITY : -dot(mpc->way, mpc->gradient, V) / bends;
 	const real length = wanted < room ? wanted : room;
-	const int cut = !(wanted <= room);
-	if (!is_finite(length)) { return KOOP_E_OVERFLOW; }
 	add_scaled(mpc->plan, length, mpc->way, V);
 	add_scaled(mpc->gradient, length, mpc->bent, V);
 	clip_all(&mpc->config, mpc->plan);
-	if (cut && !leaving) { project_gradient(mpc); }
-	*goes_on = !cut && !leaving;
-	return KOOP_OK;
+	if (wanted > room && !leaving) { project_gradient(mpc); }
+	*goes_on = wanted <= room && !leaving;
+	*curvature = bends;
 }
 
 /* The residual at the plan. While the steps go on, by the gradient that they have updated, and
@@ -122,17 +121,15 @@ static int stalls(const KOOP(mpc) *mpc, real residual, real *last) {
 
 #define MPC_REFRESH 100 /* steps until the gradient is evaluated again, not updated */
 
-OUT_OF_LINE static int descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
+OUT_OF_LINE static void descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	real last = REAL_MAX, curvature;
 	int goes_on = 0;
 	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance;
 	     k++, result->iterations++) {
 		const int leaving = !goes_on && begin_way(mpc);
-		const int status = go_along(mpc, leaving, &curvature, &goes_on);
-		if (status != KOOP_OK) { return status; }
+		go_along(mpc, leaving, &curvature, &goes_on);
 		const int settled = look(mpc, result, goes_on, k % MPC_REFRESH == 0);
 		if (settled && stalls(mpc, result->residual, &last)) { break; }
 		goes_on = goes_on && !settled && continue_way(mpc, curvature);
 	}
-	return KOOP_OK;
 }

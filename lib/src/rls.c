@@ -1,8 +1,14 @@
 /* Recursive least squares on lifted snapshots. Paper, eq. (4). */
 
+/* The trace that is to be kept. */
+static COLD real trace_wanted(const KOOP(config) *c) {
+	return c->tau0 > 0 ? c->tau0 : c->p0 * (real)(c->dictionary->n_lifted + c->n_inputs);
+}
+
 static COLD int settings_in_range(const KOOP(config) *c) {
 	const int forgetting = c->lambda > 0 && c->lambda <= 1;
-	const int covariance = is_within(c->p0, REAL_MIN, REAL_MAX / 2) && is_within(c->tau0, 0, REAL_MAX / 8);
+	const int covariance =
+	    is_within(c->p0, REAL_MIN, REAL_MAX / 2) && c->tau0 >= 0 && trace_wanted(c) < REAL_MAX / 8;
 	const int check = c->check >= KOOP_CHECK_REFUSE && c->check <= KOOP_CHECK_DIAGONAL;
 	return forgetting && covariance && check && is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
 }
@@ -43,9 +49,8 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 
 	(void)configure(rls, config);
 	const size_t rows = rls->n_regressors_padded;
-	if (!(rls->config.tau0 > 0)) { rls->config.tau0 = rls->config.p0 * (real)rls->n_regressors; }
+	rls->config.tau0 = trace_wanted(config);
 	if (!(rls->config.eps_sift > 0)) { rls->config.eps_sift = (real)1e-10; }
-	if (!(rls->config.tau0 < REAL_MAX / 8)) { return KOOP_E_RANGE; }
 
 	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
 	rls->theta = storage;
@@ -104,8 +109,9 @@ static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denom
 }
 
 /* Whether Theta + error K' is finite, and the new bound of its elements. */
-static GLUE int theta_stays_finite(const KOOP(rls) *rls, real innovation, real *bound) {
-	const real growth = innovation * MATH(sqrt)(rls->gain_square);
+static GLUE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
+                                   real *bound) {
+	const real growth = step->update_theta ? innovation * MATH(sqrt)(rls->gain_square) : 0;
 	*bound = rls->theta_bound + growth;
 	if (!(*bound < REAL_MAX / 2)) {
 		*bound = max_abs(rls->theta, rls->n_regressors * rls->n_lifted_padded) + growth;
@@ -139,14 +145,16 @@ static GLUE int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const
 
 	status = compute_gain(rls, &step, &denominator);
 	if (status != KOOP_OK) { return status; }
-	if (!theta_stays_finite(rls, health->innovation, &bound)) { return KOOP_E_OVERFLOW; }
+	if (!theta_stays_finite(rls, &step, health->innovation, &bound)) { return KOOP_E_OVERFLOW; }
 	if (step.update_covariance) {
 		status = rls->config.form->apply(rls, &step, denominator);
 		if (status != KOOP_OK) { return status; }
 	}
 
 	/* nothing can fail from here on */
-	add_outer(rls->theta, 1, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
+	if (step.update_theta) {
+		add_outer(rls->theta, 1, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
+	}
 	rls->theta_bound = bound;
 	return KOOP_OK;
 }

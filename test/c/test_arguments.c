@@ -161,6 +161,7 @@ static void test_ranges_of_settings(void) {
 	    {P0, nan, KOOP_E_RANGE},
 	    {P0, inf, KOOP_E_RANGE},
 	    {P0, REAL_MAX, KOOP_E_RANGE},
+	    {P0, REAL_MAX / 4, KOOP_E_RANGE}, /* and so a trace, by default, that is not finite */
 	    {P0, REAL_MIN / 2, KOOP_E_RANGE},
 	    {P0, REAL_MIN, KOOP_OK},
 	    {P0, (real)1e6, KOOP_OK},
@@ -172,6 +173,7 @@ static void test_ranges_of_settings(void) {
 	    {TAU0, -1, KOOP_E_RANGE},
 	    {TAU0, nan, KOOP_E_RANGE},
 	    {TAU0, inf, KOOP_E_RANGE},
+	    {TAU0, REAL_MAX, KOOP_E_RANGE},
 	    {TAU0, 0, KOOP_OK},
 	    {EPS, -1, KOOP_E_RANGE},
 	    {EPS, nan, KOOP_E_RANGE},
@@ -193,8 +195,33 @@ static void test_ranges_of_settings(void) {
 	}
 }
 
+/* An estimator in use that is to be made anew with settings that are refused goes on as it was. */
+static void test_refused_settings_leave_the_estimator(void) {
+	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+	static estimator before;
+	before = e;
+	KOOP(dictionary) larger = e.dictionary;
+	larger.n_states = larger.n_lifted = 2 * N;
+	for (int refused = 0; refused < 3; refused++) {
+		KOOP(config) config = e.config;
+		size_t reals = sizeof e.storage / sizeof(real);
+		config.dictionary = &larger;
+		if (refused == 2) {
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reals)(&config, &reals));
+			reals--;
+		}
+		config.lambda = refused == 0 ? 0 : config.lambda;
+		config.p0 = refused == 1 ? REAL_MAX / 4 : config.p0;
+		CHECK_STATUS(refused == 2 ? KOOP_E_STORAGE : KOOP_E_RANGE,
+		             KOOP(rls_init)(&e.rls, &config, e.storage, reals));
+		TEST_ASSERT_EQUAL_MEMORY(&before, &e, sizeof e);
+	}
+}
+
 static void test_reset_takes_what_settings_take(void) {
-	static const double bad[] = {0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MIN / 2};
+	static const double bad[] = {
+	    0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MIN / 2};
 	learned before, after;
 	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
 	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
@@ -286,6 +313,7 @@ int main(void) {
 	RUN_TEST(test_null_pointers_elsewhere);
 	RUN_TEST(test_sizes);
 	RUN_TEST(test_ranges_of_settings);
+	RUN_TEST(test_refused_settings_leave_the_estimator);
 	RUN_TEST(test_reset_takes_what_settings_take);
 	RUN_TEST(test_storage_is_exact);
 	RUN_TEST(test_plain_form_pays_only_for_what_it_uses);

@@ -15,7 +15,7 @@ typedef struct {
 	KOOP(mpc) mpc;
 	KOOP(guard) guard;
 	real rls_storage[KOOP_RLS_REALS_PLAIN(MOST_N, M)];
-	real mpc_storage[KOOP_MPC_REALS_NEWTON(MOST_N, STATES, M, H)];
+	real mpc_storage[KOOP_MPC_REALS_NEWTON(MOST_N, STATES, M, H) + KOOP_MPC_REALS_RATE(M, H)];
 	real guard_storage[KOOP_GUARD_REALS(MOST_N, STATES, M, H)];
 	real offline[D * KOOP_PAD(MOST_N)];
 	real Q[STATES * STATES], R[M * M], low[M], high[M], safe[M];
@@ -290,6 +290,171 @@ static void test_keeps_path(void) {
 	for_both(keeps_path);
 }
 
+/* A guard with settings of its own, around a learner that has learned and is held there. */
+static void begin_again(const KOOP(guard_config) *config) {
+	settle(&KOOP(poly_ddr), KOOP_CHECK_REPORT);
+	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&l.guard, config, &l.mpc, l.offline, l.guard_storage,
+	                                       sizeof l.guard_storage / sizeof(real)));
+	l.frozen = 1;
+}
+
+/* The online model is spoilt for one step; how many steps it is then not in use. */
+static size_t steps_of_distrust(void) {
+	const real kept = l.rls.theta[0];
+	l.rls.theta[0] = (real)NAN;
+	CHECK(step() != KOOP_GUARD_ONLINE, "planned on NaN");
+	l.rls.theta[0] = kept;
+	size_t steps = 1;
+	while (steps < 1000 && step() != KOOP_GUARD_ONLINE) { steps++; }
+	return steps;
+}
+
+/* Each time that a model is trusted in vain it is not tried for twice as long, up to 16 times the patience;
+ * but trust that lasts wipes that out. */
+static void test_patience(void) {
+	static const size_t waits[] = {2, 4, 8, 16, 32, 32};
+	begin_again(&(KOOP(guard_config)){.patience = 2, .renewal = 7, .most_tracking = 1000});
+	TEST_ASSERT_TRUE(l.guard.config.renewal == 7);
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_OFFLINE, step());
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
+	for (size_t i = 0; i < sizeof waits / sizeof *waits; i++) {
+		const size_t steps = steps_of_distrust();
+		CHECK(steps == waits[i], "time %zu: %zu steps", i, steps);
+	}
+	TEST_ASSERT_TRUE(drive(32).online == 32);
+	TEST_ASSERT_TRUE(steps_of_distrust() == 2);
+}
+
+/* Settings: the online model, which would be in use, is not where its plan is to be better than plans can be.
+ */
+static void test_residual_that_is_not_to_be_had(void) {
+	begin_again(&(KOOP(guard_config)){.most_residual = (real)0.01});
+	TEST_ASSERT_TRUE(drive(40).online > 0);
+	begin_again(&(KOOP(guard_config)){.most_residual = REAL_MIN});
+	TEST_ASSERT_TRUE(drive(40).online == 0);
+}
+
+/* A state from which each of the three models predicts beyond range: the safe input, and on the next sample
+ * all is well again, but for the last good model. */
+static void test_no_model_gives_a_plan(void) {
+	real reference[H * STATES] = {0}, huge[MOST_N], u[M] = {7, 7};
+	KOOP(mpc_result) result = {7, 7};
+	settle(&KOOP(poly_ddr), KOOP_CHECK_REPORT);
+	TEST_ASSERT_TRUE(l.guard.have_last_good);
+	for (size_t i = 0; i < MOST_N; i++) { huge[i] = REAL_MAX / 2; }
+	CHECK_STATUS(KOOP_E_OVERFLOW,
+	             KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, huge, reference, NULL, u, &result));
+	for (size_t j = 0; j < M; j++) { TEST_ASSERT_TRUE(u[j] == l.safe[j]); }
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_NONE, l.guard.model);
+	TEST_ASSERT_TRUE(!l.guard.have_last_good);
+	TEST_ASSERT_TRUE(result.residual == 0 && result.iterations == 0);
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_OFFLINE, step());
+	TEST_ASSERT_TRUE(drive(30).online > 0);
+}
+
+/* What rls_update() and mpc_solve() tell comes through, and so does the input-rate penalty. */
+static void test_what_is_told(void) {
+	real reference[H * STATES] = {0}, S[M * M] = {100, 0, 0, 100}, u[M], covariance[9 * 9];
+	const real before[M] = {3, -1};
+	KOOP(mpc_result) result = {7, 7};
+	KOOP(health) health = {0, 0, 0, 0, 0, 0};
+	begin(&KOOP(poly_ddr), &KOOP(reg_ef), &KOOP(form_plain), KOOP_CHECK_REFUSE);
+	for (size_t h = 0; h < H; h++) { reference[h * STATES] = (real)(0.05 * (double)(h + 1)); }
+	CHECK_STATUS(KOOP_OK, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, &result));
+	TEST_ASSERT_TRUE(result.residual <= l.mpc.config.tolerance && result.iterations > 0);
+	const double change = fabs((double)(u[0] - before[0]));
+
+	lift(l.psi_next);
+	CHECK_STATUS(KOOP_OK, KOOP(guard_update)(&l.guard, &l.rls, l.psi, u, l.psi_next, &health));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_get_covariance)(&l.rls, covariance));
+	TEST_ASSERT_TRUE(health.finite && health.positive_definite && !health.gated);
+	CHECK(fabs((double)(health.trace - (real)trace_of(covariance, 9))) <= 1e-4 * (double)health.trace, "%g",
+	      (double)health.trace);
+
+	KOOP(mpc_config) config = l.mpc.config;
+	config.S = S;
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(mpc_init)(&l.mpc, &config, l.mpc_storage, sizeof l.mpc_storage / sizeof(real)));
+	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&l.guard, NULL, &l.mpc, l.offline, l.guard_storage,
+	                                       sizeof l.guard_storage / sizeof(real)));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+	CHECK_STATUS(KOOP_OK, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, before, u, NULL));
+	CHECK(fabs((double)(u[0] - before[0])) < 0.5 * change, "changed by %g, without penalty by %g",
+	      fabs((double)(u[0] - before[0])), change);
+}
+
+/* A response that the weights do not see, since it is the same in two states, and whose size is beyond range.
+ */
+static void test_offline_model_beyond_range(void) {
+	enum { n = 2, m = 1, horizon = 3 };
+	static real mpc_storage[KOOP_MPC_REALS_NEWTON(n, n, m, horizon)],
+	    storage[KOOP_GUARD_REALS(n, n, m, horizon)];
+	const real Q[n * n] = {1, -1, -1, 1}, R[m] = {1}, low[m] = {-1}, high[m] = {1}, safe[m] = {0};
+	real offline[(n + m) * KOOP_PAD(n)] = {1, 0, 0, 0, 0, 1};
+	KOOP(mpc) mpc;
+	KOOP(guard) guard;
+	const KOOP(mpc_config) config = {
+	    .n_lifted = n,
+	    .n_states = n,
+	    .n_inputs = m,
+	    .horizon = horizon,
+	    .Q = Q,
+	    .R = R,
+	    .u_min = low,
+	    .u_max = high,
+	    .u_safe = safe,
+	};
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, mpc_storage, sizeof mpc_storage / sizeof(real)));
+	for (size_t i = 0; i < n; i++) { offline[n * KOOP_PAD(n) + i] = 1; }
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(guard_init)(&guard, NULL, &mpc, offline, storage, sizeof storage / sizeof(real)));
+	for (size_t i = 0; i < n; i++) { offline[n * KOOP_PAD(n) + i] = (real)(4 * sqrt((double)REAL_MAX)); }
+	CHECK_STATUS(KOOP_E_MODEL,
+	             KOOP(guard_init)(&guard, NULL, &mpc, offline, storage, sizeof storage / sizeof(real)));
+}
+
+/* Objects that are missing, were never made, or are of other sizes. */
+static void test_objects_that_do_not_fit(void) {
+	real reference[H * STATES] = {0}, u[M];
+	KOOP(guard) guard;
+	KOOP(rls) rls;
+	KOOP(mpc) mpc;
+	memset(&guard, 0, sizeof guard);
+	memset(&rls, 0, sizeof rls);
+	memset(&mpc, 0, sizeof mpc);
+	begin(&KOOP(poly_ddr), &KOOP(reg_ef), &KOOP(form_plain), KOOP_CHECK_REFUSE);
+	const size_t reals = sizeof l.guard_storage / sizeof(real);
+	const KOOP(guard) before = l.guard;
+
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, &mpc, l.offline, l.guard_storage, reals));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&guard, &l.rls, l.psi, l.u, l.psi, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&l.guard, NULL, l.psi, l.u, l.psi, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&l.guard, &rls, l.psi, l.u, l.psi, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&l.guard, &l.rls, l.psi, NULL, l.psi, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&l.guard, &l.rls, l.psi, l.u, NULL, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&l.guard, &rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&l.guard, &l.rls, NULL, l.psi, reference, NULL, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&l.guard, &l.rls, &mpc, l.psi, reference, NULL, u, NULL));
+
+	size_t *const learner[] = {&l.rls.n_lifted, &l.rls.config.n_inputs};
+	for (size_t i = 0; i < sizeof learner / sizeof *learner; i++) {
+		--*learner[i];
+		CHECK_STATUS(KOOP_E_SIZE, KOOP(guard_update)(&l.guard, &l.rls, l.psi, l.u, l.psi, NULL));
+		CHECK_STATUS(KOOP_E_SIZE,
+		             KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+		++*learner[i];
+	}
+	size_t *const controller[] = {&l.mpc.config.n_lifted, &l.mpc.config.n_states, &l.mpc.config.n_inputs,
+	                              &l.mpc.config.horizon};
+	for (size_t i = 0; i < sizeof controller / sizeof *controller; i++) {
+		--*controller[i];
+		CHECK_STATUS(KOOP_E_SIZE,
+		             KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+		++*controller[i];
+	}
+	TEST_ASSERT_EQUAL_MEMORY(&before, &l.guard, sizeof before);
+}
+
 /* What is refused leaves guard and learner as they were. */
 static void test_arguments(void) {
 	real reference[H * STATES] = {0}, u[M] = {7, 7};
@@ -306,6 +471,8 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, NULL, reals));
 	CHECK_STATUS(KOOP_E_STORAGE, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, storage, reals - 1));
 	config.most_gain = (real)NAN;
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
+	config.most_gain = (real)INFINITY;
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
 	config.most_gain = -1;
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
@@ -354,6 +521,12 @@ int main(void) {
 	RUN_TEST(test_drifting_prediction);
 	RUN_TEST(test_frozen_learner);
 	RUN_TEST(test_keeps_path);
+	RUN_TEST(test_patience);
+	RUN_TEST(test_residual_that_is_not_to_be_had);
+	RUN_TEST(test_no_model_gives_a_plan);
+	RUN_TEST(test_what_is_told);
+	RUN_TEST(test_offline_model_beyond_range);
+	RUN_TEST(test_objects_that_do_not_fit);
 	RUN_TEST(test_arguments);
 	return UNITY_END();
 }

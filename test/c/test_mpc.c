@@ -226,6 +226,18 @@ static void test_gradient(void) {
 	}
 }
 
+/* A tolerance that round-off does not let be met: the solver sees that, and what it gives is as good as can
+ * be. */
+static void test_tolerance_beyond_round_off(void) {
+	random_source random = random_seed(5);
+	for (int round = 0; round < 400; round++) {
+		problem p;
+		random_problem(&random, &p, round % 2 ? KOOP_MPC_NEWTON : KOOP_MPC_GRADIENT);
+		p.config.tolerance = REAL_MIN;
+		check_problem(&p, round, TEST_DOUBLE ? 1e-8 : 1e-3);
+	}
+}
+
 /* A model that cannot be used gives the safe input and a status, and no trace of it stays. */
 static void test_unusable_model(void) {
 	random_source random = random_seed(3);
@@ -251,6 +263,247 @@ static void test_unusable_model(void) {
 			}
 		}
 	}
+}
+
+/* A robot at rest that every input pushes: A = I, B as given, Q = I, R = I / 10, inputs within +-1. */
+static void simple_problem(problem *p, size_t N, size_t m, size_t H, int method) {
+	memset(p, 0, sizeof *p);
+	p->N = p->n = N;
+	p->m = m;
+	p->H = H;
+	for (size_t i = 0; i < N; i++) { p->theta[i * KOOP_PAD(N) + i] = p->Q[i * (N + 1)] = 1; }
+	for (size_t j = 0; j < m; j++) {
+		p->R[j * (m + 1)] = (real)0.1;
+		p->low[j] = -1;
+		p->high[j] = 1;
+	}
+	p->config = (KOOP(mpc_config)){
+	    .n_lifted = N,
+	    .n_states = N,
+	    .n_inputs = m,
+	    .horizon = H,
+	    .Q = p->Q,
+	    .R = p->R,
+	    .u_min = p->low,
+	    .u_max = p->high,
+	    .u_safe = p->safe,
+	    .method = method,
+	};
+}
+
+static real *input_gain(problem *p, size_t i, size_t j) {
+	return p->theta + (p->N + j) * KOOP_PAD(p->N) + i;
+}
+
+static int solve(const problem *p, real *u, KOOP(mpc_result) *result) {
+	return KOOP(mpc_solve)(&mpc, p->theta, p->psi, p->reference, p->before, u, result);
+}
+
+static void start(const problem *p) {
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p->config, storage, sizeof storage / sizeof *storage));
+}
+
+/* From a fresh start: the status, and the safe input. */
+static void check_refused(const problem *p, int status) {
+	real u[MOST_INPUTS];
+	start(p);
+	CHECK_STATUS(status, solve(p, u, NULL));
+	for (size_t j = 0; j < p->m; j++) { TEST_ASSERT_TRUE(u[j] == p->safe[j]); }
+}
+
+static void test_prediction_beyond_range(void) {
+	for (int method = 0; method < 2; method++) {
+		problem p;
+		simple_problem(&p, 1, 1, 3, method);
+		*input_gain(&p, 0, 0) = 1;
+		p.theta[0] = 2;
+		p.psi[0] = REAL_MAX / 4;
+		check_refused(&p, KOOP_E_OVERFLOW);
+		p.psi[0] = 0;
+		p.reference[0] = REAL_MAX;
+		p.reference[1] = -REAL_MAX;
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_reset)(&mpc));
+		p.Q[0] = 20; /* the errors fit, what they cost does not */
+		check_refused(&p, KOOP_E_OVERFLOW);
+	}
+}
+
+/* What one input costs is beyond range and the other meets its bound in it: no plan, though nothing is seen
+ * to be left to do. */
+static void test_gradient_that_is_not_a_number(void) {
+	for (int method = 0; method < 2; method++) {
+		problem p;
+		simple_problem(&p, 1, 2, 2, method);
+		*input_gain(&p, 0, 1) = 1;
+		p.safe[1] = p.low[1];
+		p.reference[0] = p.reference[1] = -REAL_MAX / 10;
+		p.Q[0] = 20;
+		check_refused(&p, KOOP_E_OVERFLOW);
+	}
+}
+
+/* Weights are taken as positive semidefinite up to round-off; a model can bring out that they are not. */
+static void test_hessian_that_is_not_positive(void) {
+	for (int method = 0; method < 2; method++) {
+		problem p;
+		simple_problem(&p, 2, 1, 2, method);
+		*input_gain(&p, 1, 0) = 1;
+		p.Q[3] = -(real)sqrt((double)REAL_EPSILON) / 2;
+		p.R[0] = REAL_EPSILON;
+		check_refused(&p, KOOP_E_INDEFINITE);
+	}
+}
+
+/* Half of what the plan u (H rows of m) costs, less what is the same for all. */
+static wide dense_cost(const dense *d, const wide *u) {
+	wide sum = 0;
+	for (size_t q = 0; q < d->V; q++) { sum += u[q] * (dense_gradient(d, u, q) + d->linear[q]) / 2; }
+	return sum;
+}
+
+/* Weights that are indefinite by as much as is let pass: the way down has no end but the box. */
+static void test_projected_gradient_goes_downhill(void) {
+	static dense d;
+	problem p;
+	real u[MOST_INPUTS], plan[MOST_V];
+	wide start_cost, v[MOST_V] = {0};
+	KOOP(mpc_result) result;
+	simple_problem(&p, 2, 2, 1, KOOP_MPC_GRADIENT);
+	for (size_t j = 0; j < 2; j++) {
+		*input_gain(&p, j, j) = p.psi[j] = 1;
+		p.R[3 * j] = REAL_EPSILON;
+	}
+	p.Q[1] = p.Q[2] = -1 - (real)sqrt((double)REAL_EPSILON) / 4;
+	write_out(&p, &d);
+	start_cost = dense_cost(&d, v);
+	start(&p);
+	CHECK_STATUS(KOOP_OK, solve(&p, u, &result));
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
+	for (size_t q = 0; q < d.V; q++) { v[q] = plan[q]; }
+	CHECK(dense_cost(&d, v) < start_cost, "cost %Lg, safe %Lg", dense_cost(&d, v), start_cost);
+	CHECK(result.residual <= mpc.config.tolerance, "residual %g", (double)result.residual);
+}
+
+/* An input that does nothing and costs next to nothing, beside one that does cost. */
+static void test_input_without_effect_or_cost(void) {
+	problem p;
+	simple_problem(&p, 1, 2, 3, KOOP_MPC_NEWTON);
+	*input_gain(&p, 0, 0) = 1;
+	p.psi[0] = (real)0.5;
+	p.R[3] = REAL_EPSILON / 10;
+	check_refused(&p, KOOP_E_INDEFINITE);
+}
+
+/* Two inputs that do the same and cost next to nothing. A bound holds one of them at the end of the horizon.
+ */
+static void test_inputs_that_cannot_be_told_apart(void) {
+	problem p;
+	simple_problem(&p, 1, 2, 4, KOOP_MPC_NEWTON);
+	for (size_t j = 0; j < p.m; j++) {
+		*input_gain(&p, 0, j) = 1;
+		p.R[j * (p.m + 1)] = REAL_EPSILON * REAL_EPSILON;
+	}
+	p.safe[0] = p.low[0];
+	for (size_t k = 0; k < p.H; k++) { p.reference[k] = -(real)k - (k < 3 ? 0 : (real)1.1); }
+	check_refused(&p, KOOP_E_INDEFINITE);
+}
+
+/* Inputs that do nothing: the plan is what costs least, one at its bound and the other held down by it. */
+static void test_inputs_without_effect(void) {
+	problem p;
+	real u[2], plan[MOST_V];
+	simple_problem(&p, 1, 2, 5, KOOP_MPC_NEWTON);
+	p.R[0] = p.R[3] = 1;
+	p.R[1] = p.R[2] = (real)0.75;
+	p.low[0] = p.safe[0] = (real)0.5;
+	start(&p);
+	CHECK_STATUS(KOOP_OK, solve(&p, u, NULL));
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
+	for (size_t k = 0; k < p.H; k++) {
+		TEST_ASSERT_TRUE(plan[2 * k] == (real)0.5);
+		CHECK(fabs((double)plan[2 * k + 1] + 0.375) <= 1e-5, "%g", (double)plan[2 * k + 1]);
+	}
+}
+
+/* Errors so large that round-off in them is above the tolerance, and above what the inputs' range makes up
+ * for: the gradient is followed for as long as is allowed, and the residual says so. */
+static void test_all_gradient_steps(void) {
+	problem p;
+	real u[1];
+	KOOP(mpc_result) result;
+	simple_problem(&p, 2, 1, 1, KOOP_MPC_GRADIENT);
+	p.config.tolerance = REAL_MIN;
+	*input_gain(&p, 0, 0) = *input_gain(&p, 1, 0) = 1;
+	p.psi[0] = (real)0.1 / REAL_EPSILON;
+	p.psi[1] = (real)0.3 - p.psi[0];
+	start(&p);
+	CHECK_STATUS(KOOP_OK, solve(&p, u, &result));
+	CHECK(result.iterations == KOOP_MPC_MAX_GRADIENT, "%zu steps", result.iterations);
+	CHECK(result.residual > p.config.tolerance && result.residual < 1, "residual %g",
+	      (double)result.residual);
+	TEST_ASSERT_TRUE(u[0] >= -1 && u[0] <= 1);
+}
+
+static void test_weights(void) {
+	static const struct {
+		real M[4];
+		int status;
+	} cases[] = {
+	    {{1, 0, 0, 1}, KOOP_OK},        {{1, 1, 1, 1}, KOOP_OK}, /* of rank one */
+	    {{1, 0, 0, -1}, KOOP_E_RANGE},  {{1, 2, 2, 1}, KOOP_E_RANGE},
+	    {{1, 1, 0, 1}, KOOP_E_RANGE}, /* not symmetric */
+	    {{-1, 0, 0, -1}, KOOP_E_RANGE}, {{0, 0, 0, 0}, KOOP_OK},
+	};
+	const size_t reals = sizeof storage / sizeof *storage;
+	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+		problem p;
+		real u[MOST_INPUTS];
+		simple_problem(&p, 2, 2, 3, KOOP_MPC_NEWTON);
+		for (int which = 0; which < 3; which++) {
+			KOOP(mpc_config) c = p.config;
+			*(which == 0 ? &c.Q : which == 1 ? &c.R : &c.S) = cases[i].M;
+			const int status = which == 1 && !(cases[i].M[0] > 0) ? KOOP_E_RANGE : cases[i].status;
+			CHECK_STATUS(status, KOOP(mpc_init)(&mpc, &c, storage, reals));
+			if (status == KOOP_OK || !(c.R[0] > 0)) { continue; }
+			/* it can do nothing until it is made anew */
+			CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, u, NULL));
+			CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_reset)(&mpc));
+		}
+	}
+}
+
+/* What an input does k + 1 steps later, C A^k B. */
+static void test_sensitivity(void) {
+	problem p;
+	real u[2], G[4] = {7, 7, 7, 7};
+	simple_problem(&p, 2, 2, 3, KOOP_MPC_NEWTON);
+	p.theta[0] = 2; /* A = [2 0; 0 1], B = [1 0; 3 4] */
+	*input_gain(&p, 0, 0) = 1;
+	*input_gain(&p, 1, 0) = 3;
+	*input_gain(&p, 1, 1) = 4;
+	start(&p);
+	CHECK_STATUS(KOOP_OK, solve(&p, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_sensitivity)(NULL, 0, G));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_sensitivity)(&mpc, 0, NULL));
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(mpc_sensitivity)(&mpc, 3, G));
+	for (size_t i = 0; i < 4; i++) { TEST_ASSERT_TRUE(G[i] == 7); }
+	for (size_t k = 0; k < 3; k++) {
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_sensitivity)(&mpc, k, G));
+		const real expected[4] = {(real)(1 << k), 0, 3, 4};
+		TEST_ASSERT_EQUAL_MEMORY(expected, G, sizeof G);
+	}
+}
+
+static void test_controller_that_was_never_made(void) {
+	KOOP(mpc) empty;
+	real u[MOST_INPUTS], plan[MOST_V];
+	problem p;
+	simple_problem(&p, 1, 1, 2, KOOP_MPC_NEWTON);
+	memset(&empty, 0, sizeof empty);
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_reset)(&empty));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(&empty, p.theta, p.psi, p.reference, p.before, u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_plan)(&empty, plan));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_sensitivity)(&empty, 0, plan));
 }
 
 static void test_arguments(void) {
@@ -280,6 +533,7 @@ static void test_arguments(void) {
 	REFUSED(KOOP_E_NULL, u_max = NULL);
 	REFUSED(KOOP_E_NULL, u_safe = NULL);
 	REFUSED(KOOP_E_SIZE, n_lifted = 0);
+	REFUSED(KOOP_E_SIZE, n_lifted = KOOP_MAX_DIM + 1);
 	REFUSED(KOOP_E_SIZE, n_states = 0);
 	REFUSED(KOOP_E_SIZE, n_states = p.N + 1);
 	REFUSED(KOOP_E_SIZE, n_inputs = 0);
@@ -290,14 +544,19 @@ static void test_arguments(void) {
 	REFUSED(KOOP_E_RANGE, u_max = p.low);
 	p.safe[0] = p.high[0] + 1;
 	REFUSED(KOOP_E_RANGE, u_safe = p.safe);
+	p.safe[0] = p.low[0] - 1;
+	REFUSED(KOOP_E_RANGE, u_safe = p.safe);
 	p.safe[0] = 0;
+	REFUSED(KOOP_E_RANGE, tolerance = (real)INFINITY);
 	REFUSED(KOOP_E_RANGE, tolerance = -1);
 	REFUSED(KOOP_E_RANGE, tolerance = (real)NAN);
 	REFUSED(KOOP_E_RANGE, method = 2);
 	bad[0] = (real)NAN;
 	REFUSED(KOOP_E_INPUT, Q = bad);
 	REFUSED(KOOP_E_INPUT, S = bad);
+	REFUSED(KOOP_E_INPUT, R = bad);
 	REFUSED(KOOP_E_INPUT, u_min = bad);
+	REFUSED(KOOP_E_INPUT, u_max = bad);
 
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.config, storage, reals));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_solve)(NULL, p.theta, p.psi, p.reference, p.before, u, NULL));
@@ -323,7 +582,19 @@ int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_newton);
 	RUN_TEST(test_gradient);
+	RUN_TEST(test_tolerance_beyond_round_off);
 	RUN_TEST(test_unusable_model);
+	RUN_TEST(test_prediction_beyond_range);
+	RUN_TEST(test_gradient_that_is_not_a_number);
+	RUN_TEST(test_hessian_that_is_not_positive);
+	RUN_TEST(test_projected_gradient_goes_downhill);
+	RUN_TEST(test_input_without_effect_or_cost);
+	RUN_TEST(test_inputs_that_cannot_be_told_apart);
+	RUN_TEST(test_inputs_without_effect);
+	RUN_TEST(test_all_gradient_steps);
+	RUN_TEST(test_weights);
+	RUN_TEST(test_sensitivity);
+	RUN_TEST(test_controller_that_was_never_made);
 	RUN_TEST(test_arguments);
 	return UNITY_END();
 }

@@ -286,6 +286,88 @@ static void test_theta_does_not_overflow(void) {
 	}
 }
 
+static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, double lambda, double tau0) {
+	estimator_settings(&seen, N, M, regulator, form);
+	seen.config.lambda = (real)lambda;
+	seen.config.tau0 = (real)tau0;
+	estimator_start(&seen);
+}
+
+/* The sample along the first regressor is refused and leaves storage as it was, scratch aside. */
+static void check_refused(int status, real regressor) {
+	const real zeta[D] = {regressor}, psi_next[N] = {1};
+	learned before, after;
+	KOOP(health) health;
+	learned_take(&before, &seen);
+	CHECK_STATUS(status, estimator_update(&seen, zeta, psi_next, &health));
+	TEST_ASSERT_EQUAL_INT(status != KOOP_E_OVERFLOW, health.finite);
+	TEST_ASSERT_EQUAL_INT(status != KOOP_E_INDEFINITE, health.positive_definite);
+	learned_take(&after, &seen);
+	CHECK(learned_same_theta(&before, &after, &seen), "%s: Theta", estimator_name(&seen));
+	CHECK(learned_same_covariance(&before, &after, &seen), "%s: P", estimator_name(&seen));
+}
+
+/* Forgetting without excitation: P grows until it is refused. The root goes on for as long again. */
+static void test_covariance_that_outgrows_the_range(void) {
+	int updates[FORMS];
+	for (int f = 0; f < FORMS; f++) {
+		const real zeta[D] = {0}, psi_next[N] = {0};
+		real covariance[D * D];
+		int status = KOOP_OK;
+		start(&KOOP(reg_ef), all_forms[f], 0.01, 0);
+		for (updates[f] = 0; status == KOOP_OK && updates[f] < 1000; updates[f]++) {
+			status = estimator_update(&seen, zeta, psi_next, NULL);
+		}
+		CHECK_STATUS(KOOP_E_OVERFLOW, status);
+		check_refused(KOOP_E_OVERFLOW, 0);
+		CHECK_STATUS(all_forms[f] == &KOOP(form_sqrt) ? KOOP_E_OVERFLOW : KOOP_OK,
+		             KOOP(rls_get_covariance)(&seen.rls, covariance));
+	}
+	CHECK(updates[1] > 2 * updates[0] - 4, "%d updates, root %d", updates[0], updates[1]);
+}
+
+/* The root would shrink by lambda over a denominator that it vanishes in. */
+static void test_forgetting_factor_lost_in_the_denominator(void) {
+	start(&KOOP(reg_ef), &KOOP(form_sqrt), (double)REAL_MIN, 0);
+	check_refused(KOOP_E_INDEFINITE, (real)1e10);
+}
+
+/* A constant trace so far below that of P that to scale P to it would leave nothing. */
+static void test_trace_far_below_that_of_the_covariance(void) {
+	for (int f = 0; f < FORMS; f++) {
+		start(&KOOP(reg_ct), all_forms[f], 0.95, (double)REAL_MIN);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, REAL_MAX / 16));
+		check_refused(KOOP_E_INDEFINITE, 0);
+		check_refused(KOOP_E_INDEFINITE, (real)1e-3);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, REAL_MIN));
+		const real zeta[D] = {1}, psi_next[N] = {1};
+		CHECK_STATUS(KOOP_OK, estimator_update(&seen, zeta, psi_next, NULL));
+	}
+}
+
+/* A fault of memory that turns P over: the sample is refused, whatever the check, since no trace can be kept.
+ */
+static void test_trace_that_is_negative(void) {
+	for (int check = 0; check < 3; check++) {
+		estimator_settings(&seen, N, M, &KOOP(reg_ct), &KOOP(form_plain));
+		seen.config.check = check;
+		estimator_start(&seen);
+		for (size_t i = 0; i < KOOP_SYMMETRIC(D); i++) { seen.rls.covariance[i] *= -1; }
+		check_refused(KOOP_E_INDEFINITE, (real)1e-3);
+	}
+}
+
+/* What a sample tells underflows, beside a P at the top of the range: SIFt cannot divide by that. */
+static void test_information_does_not_underflow(void) {
+	for (int f = 0; f < FORMS; f++) {
+		estimator_settings(&seen, N, M, &KOOP(reg_sift), all_forms[f]);
+		seen.config.eps_sift = REAL_MIN;
+		estimator_start(&seen);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, REAL_MAX / 4));
+		check_refused(KOOP_E_INDEFINITE, (real)1e-12);
+	}
+}
+
 /* A gated sample says of P what is known of it, and a reset clears that. */
 static void test_reset_clears_the_report(void) {
 	random_source random = random_seed(56);
@@ -322,6 +404,11 @@ int main(void) {
 	RUN_TEST(test_reset_to_the_ends_of_the_range);
 	RUN_TEST(test_loss_of_positive_definiteness);
 	RUN_TEST(test_theta_does_not_overflow);
+	RUN_TEST(test_covariance_that_outgrows_the_range);
+	RUN_TEST(test_forgetting_factor_lost_in_the_denominator);
+	RUN_TEST(test_trace_far_below_that_of_the_covariance);
+	RUN_TEST(test_trace_that_is_negative);
+	RUN_TEST(test_information_does_not_underflow);
 	RUN_TEST(test_reset_clears_the_report);
 	return UNITY_END();
 }

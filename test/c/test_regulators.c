@@ -56,6 +56,68 @@ static void test_follow_the_paper(void) {
 	}
 }
 
+/* Forgetting so strong that what it adds to P exceeds P. */
+static void test_sift_forgets_strongly(void) {
+	enum { N = 3, M = 1, D = N + M };
+	static reference paper;
+	random_source random = random_seed(33);
+	for (int f = 0; f < FORMS; f++) {
+		estimator_settings(&e, N, M, &KOOP(reg_sift), all_forms[f]);
+		e.config.lambda = (real)0.3;
+		estimator_start(&e);
+		reference_start(&paper, &e);
+		for (int k = 0; k < 20; k++) {
+			real zeta[D], psi_next[N];
+			learned now;
+			random_fill(&random, zeta, D, -1, 1);
+			random_fill(&random, psi_next, N, -1, 1);
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			reference_update(&paper, zeta, psi_next);
+			learned_take(&now, &e);
+			const double P = relative_difference(now.covariance, paper.P, D * D);
+			CHECK(P <= 1000 * (double)REAL_EPSILON, "%s step %d: %.2g epsilon", estimator_name(&e), k,
+			      P / (double)REAL_EPSILON);
+		}
+	}
+}
+
+static int decide_covariance_alone(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
+	(void)rls;
+	(void)innovation;
+	step->update_theta = 0;
+	return KOOP_OK;
+}
+
+/* A regulator of one's own that leaves Theta alone: P goes on as by exponential forgetting. */
+static void test_covariance_without_theta(void) {
+	enum { N = 3, M = 2, D = N + M };
+	const KOOP(regulator) own = {"own", 0, decide_covariance_alone};
+	static estimator twin;
+	random_source random = random_seed(34);
+	for (int f = 0; f < FORMS; f++) {
+		learned before, after, twins;
+		estimator_default(&e, N, M, &own, all_forms[f]);
+		estimator_default(&twin, N, M, &KOOP(reg_ef), all_forms[f]);
+		real theta[N * D];
+		random_fill(&random, theta, N * D, -1, 1);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		learned_take(&before, &e);
+		for (int k = 0; k < 10; k++) {
+			real zeta[D], psi_next[N];
+			KOOP(health) health;
+			random_fill(&random, zeta, D, -1, 1);
+			random_fill(&random, psi_next, N, -1, 1);
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+			CHECK_STATUS(KOOP_OK, estimator_update(&twin, zeta, psi_next, NULL));
+			TEST_ASSERT_EQUAL_INT(0, health.gated);
+		}
+		learned_take(&after, &e);
+		learned_take(&twins, &twin);
+		TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e));
+		TEST_ASSERT_TRUE(learned_same_covariance(&twins, &after, &e));
+	}
+}
+
 /* Theta after k samples solves the weighted normal equations with ridge lambda^k / p0. */
 static void check_batch(const KOOP(regulator) *regulator, const KOOP(form) *form, double lambda_given,
                         double lambda_meant) {
@@ -255,6 +317,8 @@ static void test_sift_does_not_forget_what_is_not_excited(void) {
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_follow_the_paper);
+	RUN_TEST(test_sift_forgets_strongly);
+	RUN_TEST(test_covariance_without_theta);
 	RUN_TEST(test_equal_batch_least_squares);
 	RUN_TEST(test_dead_zones_gate_at_delta);
 	RUN_TEST(test_constant_trace);

@@ -1,8 +1,10 @@
 /* CSV logs: contract of columns, checks, masks and segments. */
+#define _POSIX_C_SOURCE 200112L
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "message.h"
 
@@ -308,7 +310,7 @@ int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usab
 
 /* ---- Writing ----------------------------------------------------------------- */
 
-/* Into a file beside, renamed when whole: a half-written log is never taken for one. */
+/* Into a file beside, this process's own, renamed when whole: a half-written log is never taken for one. */
 int tk_log_write(const char *path, const char *platform_name, size_t rows, double dt, const double *x,
                  const double *u) {
 	const platform *p = platform_by_name(platform_name);
@@ -322,9 +324,9 @@ int tk_log_write(const char *path, const char *platform_name, size_t rows, doubl
 			            k / (is_state ? p->n_states : p->n_inputs), is_state ? "states" : "inputs");
 		}
 	}
-	char *beside = malloc(strlen(path) + 6);
+	char *beside = malloc(strlen(path) + 32);
 	if (!beside) { return fail("out of memory"); }
-	sprintf(beside, "%s.part", path);
+	sprintf(beside, "%s.%ld.part", path, (long)getpid());
 	FILE *file = fopen(beside, "w");
 	int ok = file != NULL;
 	if (ok) {
@@ -336,7 +338,7 @@ int tk_log_write(const char *path, const char *platform_name, size_t rows, doubl
 			for (size_t i = 0; i < p->n_inputs; i++) { fprintf(file, ",%.17g", u[k * p->n_inputs + i]); }
 		}
 		fprintf(file, "\n");
-		ok = !ferror(file);
+		ok = fflush(file) == 0 && !ferror(file) && fsync(fileno(file)) == 0;
 		ok = fclose(file) == 0 && ok;
 		ok = ok && rename(beside, path) == 0;
 		if (!ok) { remove(beside); }

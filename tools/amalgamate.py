@@ -10,6 +10,8 @@ Needs nothing but Python.
 
 import argparse
 import hashlib
+import io
+import os
 import re
 import sys
 import zipfile
@@ -262,17 +264,29 @@ def digest():
     return whole.hexdigest()[:16]
 
 
-def write_arduino(path, pair):
+def write_whole(path, data):
+    """Writes the file, or none of it when this is killed."""
+    beside = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        beside.write_bytes(data)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def arduino(pair):
     """An Arduino library to install from a file: the pair and what stands in arduino/."""
     files = {f"src/{name}": text for name, text in pair.items()}
     for extra in sorted((ROOT / "arduino").rglob("*.*")):
         files[extra.relative_to(ROOT / "arduino").as_posix()] = extra.read_text()
     files["LICENSE"] = (ROOT / "LICENSE").read_text()
-    with zipfile.ZipFile(path, "w") as archive:
+    image = io.BytesIO()
+    with zipfile.ZipFile(image, "w") as archive:
         for name, text in sorted(files.items()):
             entry = zipfile.ZipInfo(f"TinyKoop/{name}")  # of a fixed date
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, text, zipfile.ZIP_DEFLATED)
+    return image.getvalue()
 
 
 def run(out, prefix=""):
@@ -285,10 +299,10 @@ def run(out, prefix=""):
     pair = {prefix + name: prefixed(text, prefix) for name, text in pair.items()}
     out.mkdir(parents=True, exist_ok=True)
     for name, text in pair.items():
-        (out / name).write_text(text)
+        write_whole(out / name, text.encode())
         print(f"{out / name}: {text.count(chr(10))} lines")
     if not prefix:
-        write_arduino(out / "TinyKoop-arduino.zip", pair)
+        write_whole(out / "TinyKoop-arduino.zip", arduino(pair))
         print(f"{out / 'TinyKoop-arduino.zip'}: to install in the Arduino IDE")
 
 

@@ -51,7 +51,8 @@ enum {
 	KOOP_E_INPUT = -5,      /* an input is NaN or infinite */
 	KOOP_E_OVERFLOW = -6,   /* the result would not be finite in this precision */
 	KOOP_E_INDEFINITE = -7, /* the covariance, or the controller's Hessian, would not be positive definite */
-	KOOP_E_MODEL = -8       /* a stored model is damaged or is of another kind */
+	KOOP_E_MODEL = -8,      /* a stored model is damaged or is of another kind */
+	KOOP_E_OUTLIER = -9     /* the gate: the innovation is far beyond what is usual */
 };
 
 /* What an update does about the positive definiteness of P.
@@ -93,6 +94,9 @@ enum {
 #define KOOP_RLS_REALS_PLAIN(N, m)                                                                           \
 	KOOP_RLS_REALS(N, (size_t)(N) + (m),                                                                     \
 	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
+
+/* Number of reals of a gate's storage, for N lifted states and m inputs. */
+#define KOOP_GATE_REALS(N, m) (((size_t)(N) + (m)) * KOOP_PAD(N) + (N))
 
 /* Model predictive control: bounds that are fixed at compile time, and so the
  * worst case: up to MAX_NEWTON steps with KOOP_MPC_NEWTON, up to MAX_GRADIENT with

@@ -166,7 +166,7 @@ int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storag
  * and Theta and P stay as they were. When KOOP_E_INDEFINITE or
  * KOOP_E_OVERFLOW keeps coming back, rls_reset_covariance() is the way on; it
  * keeps Theta, so where a huge but finite sample has spoilt that, load a model
- * as well. Gate outliers before they come here. */
+ * as well, or use the gate below, which does both and refuses outliers. */
 int KOOP(rls_update)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, const KOOP_REAL *psi_next,
                      KOOP(health) *health);
 
@@ -186,6 +186,50 @@ int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
 /* P as d rows of d. KOOP_E_OVERFLOW where only its root fits this precision. */
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
+
+/* ---- Gate ------------------------------------------------------------------- */
+
+/* Zeros mean the defaults, in brackets. */
+typedef struct KOOP(gate_config) {
+	/* A sample is an outlier where one of its N innovations is beyond this times its usual one, >= 1 (5). */
+	KOOP_REAL multiple;
+	/* No usual innovation is taken to be smaller (0). Set it where the robot comes to rest: what is usual
+	 * shrinks there, and the first samples that move it again would be refused. */
+	KOOP_REAL floor;
+	/* Samples that are refused, then twice as many are taken on trial; at least 3 d (4 d). */
+	size_t patience;
+} KOOP(gate_config);
+
+/* Keeps a learner from what cannot be: a spike, a stuck or lost sensor, rows that are
+ * mixed up. Refuses outliers, and where it would have to refuse for long, or where
+ * innovations together are too large, gives the model up instead: Theta becomes the
+ * last good one, P p0 I, and samples are taken on trial, so that a robot that has
+ * really changed is learned again. Check the range of the sensors before, and lift
+ * nothing that is outside. The caller owns it and its storage. To read: strain, restarts. */
+typedef struct KOOP(gate) {
+	KOOP(gate_config) config;
+	KOOP_REAL *last_good; /* as rls.theta */
+	KOOP_REAL *usual;     /* mean square of each innovation, N */
+	size_t n_lifted, n_regressors;
+	size_t known;     /* samples that `usual` is the mean of */
+	KOOP_REAL strain; /* mean square of the innovations over the usual ones */
+	size_t refused;   /* samples refused, less those taken since */
+	size_t trial;     /* samples still to be taken whatever they say */
+	size_t sound;     /* samples taken in a row */
+	int vain;         /* no model has been good since the last restart */
+	size_t restarts;  /* how often the learner was started again */
+} KOOP(gate);
+
+/* For an estimator that is initialised, after a model is loaded. `config` may be
+ * null. Storage: KOOP_GATE_REALS. It begins with a trial, from which it learns what is usual. */
+int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
+                    KOOP_REAL *storage, size_t reals);
+
+/* rls_update() in its place, with its arguments and status, or KOOP_E_OUTLIER: Theta and
+ * P stay as they were, but that a refusal may be the one that starts the learner again.
+ * Also does so where KOOP_E_INDEFINITE or KOOP_E_OVERFLOW keeps coming back. */
+int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u,
+                      const KOOP_REAL *psi_next, KOOP(health) *health);
 
 /* ---- Low-pass ---------------------------------------------------------------- */
 

@@ -24,6 +24,7 @@
 #include "form_sqrt.c"
 
 #include "rls.c"
+#include "gate.c"
 #include "threshold.c"
 #include "lowpass.c"
 #include "model.c"

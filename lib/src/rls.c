@@ -119,26 +119,24 @@ static GLUE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step,
 	return *bound < REAL_MAX / 2;
 }
 
-/* psi_next - Theta zeta in rls->error, its norm in *innovation. */
-static GLUE int compute_error(KOOP(rls) *rls, const real *psi_next, real *innovation) {
-	const size_t N = rls->n_lifted, d = rls->n_regressors;
-	weighted_rows(rls->error, rls->theta, rls->zeta, d, rls->n_lifted_padded);
+/* The innovation in rls->error, and its norm. */
+static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next, real *norm) {
+	load_regressor(rls, psi, u);
+	weighted_rows(rls->error, rls->theta, rls->zeta, rls->n_regressors, rls->n_lifted_padded);
 	/* NaN and Inf reach the norm from wherever they come */
-	*innovation = MATH(sqrt)(subtract_from(rls->error, psi_next, N));
-	if (is_finite(*innovation)) { return KOOP_OK; }
-	return all_finite(rls->zeta, d) && all_finite(psi_next, N) ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
+	*norm = MATH(sqrt)(subtract_from(rls->error, psi_next, rls->n_lifted));
+	if (is_finite(*norm)) { return KOOP_OK; }
+	const int finite = all_finite(rls->zeta, rls->n_regressors) && all_finite(psi_next, rls->n_lifted);
+	return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
 }
 
-static GLUE int assimilate(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
-                           KOOP(health) *health) {
+/* Theta and P by the innovation. */
+static GLUE int learn(KOOP(rls) *rls, KOOP(health) *health) {
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 1, 1};
 	real denominator, bound;
 
-	load_regressor(rls, psi, u);
-	int status = compute_error(rls, psi_next, &health->innovation);
-	if (status != KOOP_OK) { return status; }
-	status = rls->config.regulator->decide(rls, health->innovation, &step);
+	int status = rls->config.regulator->decide(rls, health->innovation, &step);
 	if (status != KOOP_OK) { return status; }
 	health->gated = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
@@ -171,18 +169,23 @@ static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
 	health->min_diagonal = least;
 }
 
+/* Completes what was seen, for a caller that wants it. */
+static void report(KOOP(rls) *rls, int status, KOOP(health) *seen, KOOP(health) *health) {
+	if (!health) { return; }
+	seen->finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
+	seen->positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
+	see_diagonal(rls, seen);
+	*health = *seen;
+}
+
 GLUE int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                           KOOP(health) *health) {
 	KOOP(health) seen = {0, 0, 0, 0, 1, 1};
 	if (!rls || !rls->theta || !psi || !u || !psi_next) { return KOOP_E_NULL; }
 
-	const int status = assimilate(rls, psi, u, psi_next, &seen);
-	if (health) {
-		seen.finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
-		seen.positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
-		see_diagonal(rls, &seen);
-		*health = seen;
-	}
+	int status = innovate(rls, psi, u, psi_next, &seen.innovation);
+	if (status == KOOP_OK) { status = learn(rls, &seen); }
+	report(rls, status, &seen, health);
 	return status;
 }
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from . import plots, scenario
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 DELTAS = (0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1)
 LAMBDAS = (0.95, 0.98, 0.995)
@@ -83,11 +83,11 @@ def run(out):
     out = output_folder(out)
     x, u = scenario.drive()
     delta, ct, rollout = threshold_sweep(x, u), trace_settings(x, u), rollouts(x, u)
-    write_json(out / "ablate.json", delta + ct + rollout)
+    with replacing(out / "ablate.json", delta + ct + rollout):
+        draw_threshold(out, delta)
+        draw_trace(out, ct)
+        draw_rollout(out, rollout)
     report(delta, rollout)
-    draw_threshold(out, delta)
-    draw_trace(out, ct)
-    draw_rollout(out, rollout)
     return delta + ct + rollout
 
 

@@ -9,6 +9,8 @@ def run(out_dir, build_dir):
     build_dir was configured with -DTINYKOOP_BENCH=ON.
     """
     out_dir = results.output_folder(out_dir)
-    rows = bench_rls.run(out_dir, build_dir) + bench_qp.run(out_dir, build_dir)
-    results.write_json(out_dir / "bench.json", rows)
+    rows = []
+    with results.replacing(out_dir / "bench.json", rows):
+        rows += bench_rls.run(out_dir, build_dir)
+        rows += bench_qp.run(out_dir, build_dir)
     return rows

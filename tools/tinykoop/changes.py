@@ -19,7 +19,7 @@ import numpy as np
 
 from . import plots, replay, sim, transfer
 from .errors import UserError
-from .results import output_folder, write_json
+from .results import output_folder, replacing
 
 STEP = 0.1  # s, over which rows are averaged; of a log slower than that each row is a step, and all that follows is longer
 SWING = 10  # steps
@@ -232,13 +232,13 @@ def run(path, out, platform=None):
     scores = {"lasting": (t[index], np.fmax.reduce(score, axis=1)), "jolt": (t[1:], jolt_score(innovations(log, "jolt")[1])[0])}
     largest = {kind: float(np.nanmax(values, initial=0)) for kind, (_, values) in scores.items()}
     stem = Path(path).stem
-    write_json(out / f"changes_{stem}.json", {"changes": found, "largest_score": largest})
+    with replacing(out / f"changes_{stem}.json", {"changes": found, "largest_score": largest}):
+        draw(out, stem, found, t, left, score, scores)
     for c in found:
         when, where = f"{c['time']:.1f} s ({c['from']:.1f} to {c['to']:.1f} s)", ", ".join(c["channels"])
         print(f"{when}: {WORDS[c['kind']]}, {c['strength']:.1f} thresholds, in {where}")
     if not found:
         print(f"no change: at most {largest['lasting']:.2f} of the threshold of a lasting one, {largest['jolt']:.2f} of a jolt's")
-    draw(out, stem, found, t, left, score, scores)
     return found
 
 

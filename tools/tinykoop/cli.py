@@ -198,6 +198,9 @@ def main():
         return 2
     except KeyboardInterrupt:
         return 130
+    except OSError as error:  # of the terminal or a temporary file: results say it themselves
+        print(f"tinykoop: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", file=sys.stderr)
+        return 2
     return 0
 
 

@@ -11,7 +11,7 @@ finite, a Hessian that is not positive definite), the safe input (0, 0) is appli
 import numpy as np
 
 from . import plots, scenario, sim
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 STEPS = 2000
 EDGES = (400, 800, 1200, 1600)
@@ -76,12 +76,12 @@ def run(out):
         rows.append(row)
         if precision == 64:
             traces[method] = trace
-    write_json(out / "control.json", rows)
+    with replacing(out / "control.json", rows):
+        draw_paths(out, traces, reference)
+        draw_errors(out, traces)
+        draw_inputs(out, traces)
+        draw_covariance(out, traces)
     report(rows)
-    draw_paths(out, traces, reference)
-    draw_errors(out, traces)
-    draw_inputs(out, traces)
-    draw_covariance(out, traces)
     return rows
 
 

@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from . import control, plots, scenario, sim
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 RUNS = 200
 SEED = 20000  # the defaults of the guard were chosen on seeds below 10000
@@ -192,10 +192,10 @@ def run(out, runs=RUNS, seed=SEED):
     with ProcessPoolExecutor() as pool:
         rows = list(progress(_counted(pool.map(score, [(i, seed) for i in range(runs)]), runs), "guard"))
         prices = list(progress(_counted(pool.map(price, WORKS), len(WORKS)), "guard, price"))
-    write_json(out / "guard.json", {"campaign": rows, "price": prices})
+    with replacing(out / "guard.json", {"campaign": rows, "price": prices}):
+        draw_campaign(out, rows)
+        draw_timeline(out)
     report(rows, prices)
-    draw_campaign(out, rows)
-    draw_timeline(out)
     return rows, prices
 
 

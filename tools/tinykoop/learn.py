@@ -3,7 +3,7 @@
 import numpy as np
 
 from . import plots, scenario
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 PRECISIONS = (64, 32)
 EVERY = scenario.ROLLOUT_STRIDE
@@ -41,9 +41,9 @@ def run(out):
         row, trace = row_of(method, precision, x, u)
         rows.append(row)
         traces[method, precision] = trace
-    write_json(out / "learn.json", rows)
+    with replacing(out / "learn.json", rows):
+        draw(out, x, traces, rows)
     report(rows)
-    draw(out, x, traces, rows)
     return rows
 
 

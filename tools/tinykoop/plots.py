@@ -1,6 +1,6 @@
 """One look for all plots: readable in greyscale, units on every axis, phases marked."""
 
-from pathlib import Path
+import io
 
 import matplotlib
 
@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 
 from . import scenario  # noqa: E402
-from .errors import UserError  # noqa: E402
+from .results import write_bytes  # noqa: E402
 
 plt.rcParams.update(
     {
@@ -42,13 +42,12 @@ HATCHES = {"offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\"
 
 def save(figure, path):
     """Saves and closes the figure."""
-    path = Path(path)
+    image = io.BytesIO()
     try:
-        figure.savefig(path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); check folder, rights and free space")
+        figure.savefig(image, format="png")
     finally:
         plt.close(figure)
+    write_bytes(path, image.getvalue())
 
 
 def mark_phases(axes, steps=scenario.STEPS, names=True):

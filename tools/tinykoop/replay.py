@@ -10,7 +10,7 @@ import numpy as np
 
 from . import plots, scenario, sim
 from .errors import UserError
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 FIT, CALIBRATE = 0.2, 0.2  # shares of the log
 ETA = 0.75
@@ -124,9 +124,9 @@ def run_log(path, out, platform=None):
                 "refused": int((trace["status"] < 0).sum()),
             }
         )
-    write_json(out / f"replay_{Path(path).stem}.json", rows)
+    with replacing(out / f"replay_{Path(path).stem}.json", rows):
+        draw(out, rows, errors, log, scored)
     report(rows, log, scored)
-    draw(out, rows, errors, log, scored)
     return rows
 
 

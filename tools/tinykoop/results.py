@@ -1,9 +1,12 @@
 """Results on disk and on the terminal."""
 
+import fcntl
+import glob
 import json
 import math
 import os
 import re
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich import box
@@ -30,30 +33,100 @@ def _finite(value):
 
 
 def output_folder(path):
-    """The folder, made if need be."""
+    """The folder, made if need be; refused before the work if nothing can be written there."""
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be made as output folder ({error.strerror}); choose another with --out")
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise UserError(f"{path}: nothing can be written there; mend its rights, or choose another folder with --out")
     return path
 
 
+def _refused(path, error):
+    """What to say where `path` cannot be written."""
+    return UserError(f"{path}: cannot be written ({error.strerror}); check folder, rights and free space")
+
+
+def _is_running(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+def sweep(path):
+    """Removes what runs that were killed have left half-written beside `path`."""
+    for part in glob.glob(f"{glob.escape(str(path))}.*.part"):
+        process = part.split(".")[-2]
+        if process.isdigit() and not _is_running(int(process)):
+            Path(part).unlink(missing_ok=True)
+
+
 def write_bytes(path, data):
-    """Writes the whole file or none of it."""
+    """Writes the whole file or none of it, whenever this is killed or the power goes; of two at once the last one stays."""
     path = Path(path)
     beside = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        beside.write_bytes(data)
+        sweep(path)
+        with open(beside, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(beside, path)
     except OSError as error:
+        raise _refused(path, error)
+    finally:
         beside.unlink(missing_ok=True)
-        raise UserError(f"{path}: cannot be written ({error.strerror}); check folder, rights and free space")
 
 
 def write_json(path, rows):
     """Writes `rows` as JSON, numbers that are not finite as null."""
     write_bytes(path, (json.dumps(_finite(rows), indent=1) + "\n").encode())
+
+
+def remove(path):
+    """Removes a result, if it is there."""
+    try:
+        Path(path).unlink(missing_ok=True)
+    except OSError as error:
+        raise _refused(path, error)
+
+
+@contextmanager
+def replacing(path, rows):
+    """Writes `rows` as JSON once the block has written what belongs to them: plots, pages.
+
+    Until then there is no `path`, so that old figures never stand beside new plots. Another run into the folder waits.
+    """
+    path = Path(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        remove(path)
+        yield
+        write_json(path, rows)
+    finally:
+        os.close(folder)
+
+
+@contextmanager
+def alone(path):
+    """Refuses a second run that would work on `path` at the same time."""
+    try:
+        lock = open(Path(path).with_name(f".{Path(path).name}.lock"), "w")
+    except OSError as error:
+        raise _refused(path, error)
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise UserError(f"{path}: another run is at work on it; wait for that, or choose another folder with --out")
+        yield
 
 
 def number(value, digits=3):

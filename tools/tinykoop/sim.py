@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import UserError
+from .results import sweep
 
 # The variable is for a build with sanitizers.
 _LIBRARY = Path(os.environ.get("TINYKOOP_SIM", Path(__file__).resolve().parents[2] / "build/host/host_sim/libtinykoop_sim.so"))
@@ -714,6 +715,7 @@ def read_log(path, platform="ddr"):
 
 def write_log(path, x, u, dt, platform="ddr"):
     """Writes states x (K, n) and inputs u (K, m), t = k dt."""
+    sweep(path)
     n, m = _PLATFORM_SIZES[platform]
     x, u = _in(x, n), _in(u, m)
     _check(

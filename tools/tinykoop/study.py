@@ -19,7 +19,7 @@ import numpy as np
 
 from . import control, plots, qp, scenario, sim
 from .errors import UserError
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 FAILED = 1.0  # mean error (m, rad); about 1 % of the runs found are within a factor of three of it
 RUNS = 10
@@ -568,12 +568,12 @@ def run(out, runs=RUNS):
     parted = [twin_row(traced, parts)] if traced else []
     cells = bistability(paper, runs)
     rows = cells + changed + rescued + parted + seen
-    write_json(out / "study.json", rows)
+    with replacing(out / "study.json", rows):
+        draw_bistability(out, cells)
+        if traced:
+            draw_mechanism(out, parts, changed)
+        draw_sensitivities(out, compared)
     report(cells, changed, rescued, parted, seen)
-    draw_bistability(out, cells)
-    if traced:
-        draw_mechanism(out, parts, changed)
-    draw_sensitivities(out, compared)
     return rows
 
 

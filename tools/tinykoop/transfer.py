@@ -12,7 +12,7 @@ import numpy as np
 
 from . import plots, replay, scenario, sim
 from .errors import UserError
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing
 
 # The paper names no filter. At 3 Hz a threshold of 1 gates about as often as the paper says it does (54 to 73 %).
 CUTOFF = 3.0  # Hz
@@ -174,15 +174,15 @@ def run(out, data):
     sources = {"synthetic": synthetic()}
     if data:
         sources[Path(data).name] = read(data)
-    rows = []
-    for name, flights in sources.items():
-        own, traces = transfers(name, flights)
-        rows += own
+    learned = {name: transfers(name, flights) for name, flights in sources.items()}
+    rows = [row for own, _ in learned.values() for row in own]
+    with replacing(out / "transfer.json", rows):
+        for name, (own, traces) in learned.items():
+            draw_table(out, name, own)
+            draw_time(out, name, sources[name], traces)
+            draw_channels(out, name, sources[name], traces)
+    for name, (own, _) in learned.items():
         report(name, own)
-        draw_table(out, name, own)
-        draw_time(out, name, flights, traces)
-        draw_channels(out, name, flights, traces)
-    write_json(out / "transfer.json", rows)
     return rows
 
 

@@ -11,7 +11,7 @@ Three questions, one plot each:
 import numpy as np
 
 from . import plots, scenario, sim
-from .results import number, output_folder, print_table, progress, write_json
+from .results import number, output_folder, print_table, progress, replacing, write_json
 
 FORMS = ("plain", "sqrt", "textbook")
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
@@ -111,12 +111,12 @@ def run(out):
     rows = study(x, u)
     curves = growth()
     soaks = soak()
-    write_json(out / "windup.json", rows)
-    write_json(out / "windup_soak.json", soaks)
+    with replacing(out / "windup.json", rows):
+        write_json(out / "windup_soak.json", soaks)
+        draw_lanes(out, rows)
+        draw_growth(out, curves)
+        draw_soak(out, soaks)
     report(rows, curves, soaks)
-    draw_lanes(out, rows)
-    draw_growth(out, curves)
-    draw_soak(out, soaks)
     return rows
 
 

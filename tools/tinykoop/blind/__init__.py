@@ -24,7 +24,7 @@ import numpy as np
 
 from .. import sim
 from ..errors import UserError
-from ..results import console, output_folder, progress, write_json
+from ..results import alone, console, output_folder, progress, remove, write_json
 
 N, SEED = 20, 1
 TIMEOUT = 600  # s, of one diagnosis
@@ -136,7 +136,7 @@ def generate(out, n, seed, diagnosers, which=None):
     """Draws the logs, writes and seals the labels, then writes the logs; returns {log: label}."""
     from . import score, tiers
 
-    (out / "blind.json").unlink(missing_ok=True)
+    remove(out / "blind.json")
     work = _empty(out / "blind")
     wanted = [(tier, seed, k) for tier in which or tiers.TIERS for k in range(n)]
     drawn = dict(_each(_draw, wanted, "drawing logs"))
@@ -161,7 +161,7 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
     out = output_folder(out)
     diagnosers = {score.OURS: Command()} | others() if diagnosers is None else diagnosers
     work = out / "blind"
-    with _workers(cluster, jobs):
+    with alone(out / "blind.json"), _workers(cluster, jobs):
         labels = generate(out, n, seed, diagnosers, which)
         for who, diagnoser in diagnosers.items():
             calls = [
@@ -174,6 +174,4 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
             for first in (calls[:1], calls[1:]):
                 for name, result in _each(diagnose, first, who):
                     write_json(folder / f"{name}.json", result)
-    results = score.run(out)
-    draw.run(out, results)
-    return results
+        return score.run(out, draw.run)

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import plots, sim
 from ..errors import UserError
-from ..results import console, output_folder, print_table, write_json
+from ..results import alone, console, output_folder, print_table, remove, replacing, write_json
 from . import Command, DIAGNOSE, _each, _empty, _workers, diagnose, score
 
 TIERS = {
@@ -96,7 +96,12 @@ def run(out, n, seed, cluster=None, jobs=None):
     if n < 1 or seed < 0:
         raise UserError(f"{n} flights a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
     out = output_folder(out)
-    (out / "blind_fwmav.json").unlink(missing_ok=True)
+    with alone(out / "blind_fwmav.json"):
+        return _campaign(out, n, seed, cluster, jobs)
+
+
+def _campaign(out, n, seed, cluster, jobs):
+    remove(out / "blind_fwmav.json")
     work = _empty(out / "blind_fwmav")
     wanted = [(tier, k) for tier in TIERS for k in range(n)]
     drawn = [draw(tier, seed, k) for tier, k in wanted]
@@ -119,8 +124,8 @@ def run(out, n, seed, cluster=None, jobs=None):
             runs[name] = result
     rows = [{"log": name} | _row(label, runs[name]) for name, (label, _) in flights.items()]
     report(rows)
-    draw_confusion(out, rows)
-    write_json(out / "blind_fwmav.json", rows)
+    with replacing(out / "blind_fwmav.json", rows):
+        draw_confusion(out, rows)
     return rows
 
 

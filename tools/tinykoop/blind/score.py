@@ -28,7 +28,7 @@ import numpy as np
 
 from .. import sim
 from ..errors import UserError
-from ..results import number, print_table, progress, write_json
+from ..results import number, print_table, progress, replacing
 from ..study import wilson
 from . import plant, tiers
 
@@ -369,8 +369,8 @@ def _line(text, found, sign, target):
 # ---- all -----------------------------------------------------------------------------------------
 
 
-def run(out):
-    """Scores the campaign in `out`, writes blind.json and prints what must hold; returns the results."""
+def run(out, draw=None):
+    """Scores the campaign in `out`, writes blind.json, after its plots by `draw`, and prints what must hold; returns the results."""
     out = Path(out)
     work = out / "blind"
     seal, labels, runs = load(work)
@@ -379,7 +379,9 @@ def run(out):
         u, fresh = sim.read_log(work / "logs" / f"{log}.csv").u, sim.read_log(work / "fresh" / f"{log}.csv")
         by[who].append({"log": log, "who": who} | judge(labels[log], runs[who, log], u, fresh))
     results = summary(by) | {"seal": seal}
-    write_json(out / "blind.json", results)
+    with replacing(out / "blind.json", results):
+        if draw:
+            draw(out, results)
     report(results)
     return results
 

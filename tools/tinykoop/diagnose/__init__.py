@@ -7,7 +7,7 @@ where, advise -> diagnosis (the report) -> page (what people read).
 import sys
 
 from ..errors import UserError
-from ..results import output_folder, write_bytes, write_json
+from ..results import output_folder, replacing, write_bytes
 from . import page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
@@ -32,7 +32,8 @@ def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
     result = kind.diagnose(*arguments)
     # page and summary count seconds from the first row
     result.report = {"log_file": str(path), "fresh_file": str(fresh) if fresh else None, **result.report}
-    write_json(out / "report.json", in_log_time(result.report, float(log.t[0])))
-    write_bytes(out / "report.html", kind.page.html(result))
+    page = kind.page.html(result)
+    with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
+        write_bytes(out / "report.html", page)
     kind.words.print_summary(result.report, out / "report.html")
     return result

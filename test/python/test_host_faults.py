@@ -1,0 +1,308 @@
+"""Killed half-way, full disk, read-only folder, two runs at once: no half result is ever taken for a whole one."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from tinykoop import results, scenario, sim
+from tinykoop.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "tools"), "OPENBLAS_NUM_THREADS": "1"}
+TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
+AMALGAMATE = [sys.executable, str(ROOT / "tools/amalgamate.py")]
+PLOTS = ["learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
+
+
+def python(code, *arguments):
+    """A process that runs `code`."""
+    return subprocess.Popen([sys.executable, "-c", code, *map(str, arguments)], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+
+
+def ran(process):
+    """Its exit status, and what it said on standard error."""
+    _, error = process.communicate(timeout=300)
+    return process.returncode, error
+
+
+def one_line(status, error):
+    """Whether a failure is what a user is to see."""
+    return status == 2 and error.count("\n") == 1 and "Traceback" not in error
+
+
+def parts(folder):
+    return sorted(folder.rglob("*.part"))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "drive.csv"
+    u = scenario.commands(400)
+    x = sim.simulate(u, 0.05, active=[sim.usual_effect("pacejka_slip")])
+    sim.write_log(path, x[:-1], u, 0.05)
+    return path
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    path = tmp_path_factory.mktemp("flight") / "hover.csv"
+    flown, _ = sim.fwmav("hover", 20.0, 1, [])
+    sim.write_log(path, flown.x, flown.u, flown.dt, "fwmav")
+    return path
+
+
+# ---- killed ------------------------------------------------------------------------------------------
+
+DIE_IN_WRITE = """
+import os, signal, sys
+from tinykoop import results
+die = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+setattr(os, sys.argv[2], die)
+results.write_json(sys.argv[1], ["new"] * 100000)
+"""
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_killed_in_a_write_leaves_the_old_result(call, tmp_path):
+    path = tmp_path / "a.json"
+    results.write_json(path, ["old"])
+    assert ran(python(DIE_IN_WRITE, path, call))[0] == -signal.SIGKILL
+    assert json.loads(path.read_text()) == ["old"]
+    assert len(parts(tmp_path)) == 1
+    results.write_json(path, ["newer"])
+    assert json.loads(path.read_text()) == ["newer"]
+    assert not parts(tmp_path), "what the killed run left is swept away"
+
+
+def test_the_part_of_a_run_that_goes_on_is_left_alone(tmp_path):
+    theirs = tmp_path / f"a.json.{os.getppid()}.part"
+    theirs.write_text("half")
+    results.write_json(tmp_path / "a.json", [])
+    assert parts(tmp_path) == [theirs]
+
+
+DIE_AFTER_PLOTS = """
+import os, signal, sys
+from pathlib import Path
+from tinykoop import learn, plots
+left, save = int(sys.argv[2]), plots.save
+def saves(figure, path):
+    global left
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    left -= 1
+    save(figure, path)
+plots.save = saves
+learn.run(Path(sys.argv[1]))
+"""
+
+
+@pytest.mark.parametrize("plots", [0, 3])
+def test_killed_between_plots_leaves_no_figures_beside_them(plots, tmp_path):
+    """Old figures never stand beside new plots: learn.json is the last to be written."""
+    for name in PLOTS:
+        (tmp_path / name).write_bytes(b"old")
+    results.write_json(tmp_path / "learn.json", ["old"])
+    assert ran(python(DIE_AFTER_PLOTS, tmp_path, plots))[0] == -signal.SIGKILL
+    assert not (tmp_path / "learn.json").exists()
+    assert sum((tmp_path / name).read_bytes() != b"old" for name in PLOTS) == plots
+
+
+def test_killed_at_any_time(log, tmp_path):
+    """Whenever it dies, what is there is whole; and before it has begun to write, it is what was there."""
+    name = f"replay_{log.stem}"
+    for delay in (0.2, 1.0, 1.5, 2.0, 2.5, 3.0):
+        results.write_json(tmp_path / f"{name}.json", ["old"])
+        process = subprocess.Popen([*TINYKOOP, "replay", log, "--out", tmp_path], env=ENVIRONMENT, stdout=subprocess.DEVNULL)
+        time.sleep(delay)
+        process.kill()
+        process.wait()
+        if (tmp_path / f"{name}.json").exists():
+            rows = json.loads((tmp_path / f"{name}.json").read_text())
+            assert rows == ["old"] or (len(rows) > 30 and (tmp_path / f"{name}.png").read_bytes().endswith(b"IEND\xaeB`\x82"))
+
+
+def test_diagnose_writes_its_report_last(log, tmp_path, monkeypatch):
+    from tinykoop import diagnose
+
+    (tmp_path / "report.json").write_text("old")
+    seen = []
+    monkeypatch.setattr(diagnose, "write_bytes", lambda path, data: seen.append((tmp_path / "report.json").exists()))
+    monkeypatch.setattr(diagnose.words, "print_summary", lambda *_: None)
+    diagnose.run(log, tmp_path)
+    assert seen == [False]
+    assert json.loads((tmp_path / "report.json").read_text())["verdict"]
+
+
+def test_a_killed_installation_is_not_taken_for_ready(tmp_path):
+    """The Makefile's environment is ready only when all of it is installed, and is made anew until then."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / "tools").mkdir()
+    for name in ("requirements.txt", "pyproject.toml"):
+        (tmp_path / "tools" / name).touch()
+    stub = tmp_path / "python"
+    stub.write_text(f"""#!/bin/sh
+test "$1" = -c && exit 0
+mkdir -p "$3/bin" && cp {tmp_path}/pip "$3/bin/pip"
+""")
+    (tmp_path / "pip").write_text("#!/bin/sh\nkill -9 $$\n")
+    stub.chmod(0o755)
+    (tmp_path / "pip").chmod(0o755)
+    make = ["make", "-s", f"PYTHON={stub}", "build/venv/ready"]
+    assert subprocess.run(make, cwd=tmp_path, capture_output=True).returncode != 0
+    assert not (tmp_path / "build/venv/ready").exists()
+    (tmp_path / "build/venv/left-over").touch()
+    (tmp_path / "pip").write_text("#!/bin/sh\nexit 0\n")
+    assert subprocess.run(make, cwd=tmp_path, capture_output=True).returncode == 0
+    assert (tmp_path / "build/venv/ready").exists()
+    assert not (tmp_path / "build/venv/left-over").exists()
+
+
+# ---- no room, no rights --------------------------------------------------------------------------------
+
+
+@contextmanager
+def mounted(folder, options):
+    """A small file system in memory on `folder`; skips where that is not allowed."""
+    mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("only root can mount a file system")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def limit_files():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+
+def commands(log, flight, out):
+    """Every kind of writer: JSON with plots, page, model, log, table, source."""
+    return {
+        "learn": [*TINYKOOP, "learn", "--out", out],
+        "replay": [*TINYKOOP, "replay", log, "--out", out],
+        "diagnose": [*TINYKOOP, "diagnose", log, "--out", out],
+        "changes": [*TINYKOOP, "changes", flight, "--out", out],
+        "fit": [*TINYKOOP, "fit", log, out / "model.h"],
+        "fly": [*TINYKOOP, "fly", "hover", out / "flight.csv", "--seconds", "5"],
+        "amalgamate": [*AMALGAMATE, "--out", out],
+    }
+
+
+WRITERS = list(commands(Path(), Path(), Path()))
+
+
+def run(command, **options):
+    done = subprocess.run([*map(str, command)], env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_no_room_for_a_file(writer, log, flight, tmp_path):
+    status, error = run(commands(log, flight, tmp_path)[writer], preexec_fn=limit_files)
+    assert one_line(status, error), error
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_full_disk(writer, log, flight, tmp_path):
+    with mounted(tmp_path, "size=8k"):
+        (tmp_path / "filler").write_bytes(bytes(4096))
+        status, error = run(commands(log, flight, tmp_path)[writer])
+        assert one_line(status, error), error
+        assert [path.name for path in tmp_path.iterdir()] == ["filler"]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_read_only_folder(writer, log, flight, tmp_path):
+    with mounted(tmp_path, "ro"):
+        status, error = run(commands(log, flight, tmp_path)[writer])
+        assert one_line(status, error), error
+        assert str(tmp_path) in error
+
+
+def test_blind_check_in_a_read_only_folder(tmp_path):
+    with mounted(tmp_path, "ro"):
+        for platform in ("ddr", "fwmav"):
+            status, error = run([*TINYKOOP, "blind", "--platform", platform, "--n", "1", "--out", tmp_path])
+            assert one_line(status, error), error
+
+
+def test_terminal_that_takes_nothing(log, tmp_path):
+    """The results are there all the same."""
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*TINYKOOP, "replay", log, "--out", tmp_path], env=ENVIRONMENT, stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert one_line(done.returncode, done.stderr), done.stderr
+    assert len(json.loads((tmp_path / f"replay_{log.stem}.json").read_text())) > 30
+
+
+# ---- two at once ---------------------------------------------------------------------------------------
+
+WRITE_SETS = """
+import sys, time
+from pathlib import Path
+from tinykoop import results
+out, tag = Path(sys.argv[1]), sys.argv[2]
+for k in range(40):
+    with results.replacing(out / "set.json", {"tag": tag, "k": k}):
+        for name in ("a", "b"):
+            results.write_bytes(out / name, f"{tag} {k}".encode())
+            time.sleep(0.002)
+"""
+
+
+def test_two_runs_at_once_leave_the_set_of_one(tmp_path):
+    processes = [python(WRITE_SETS, tmp_path, tag) for tag in "xy"]
+    while any(process.poll() is None for process in processes):
+        try:
+            before = json.loads((tmp_path / "set.json").read_text())
+            plots = {(tmp_path / name).read_text() for name in "ab"}
+            after = json.loads((tmp_path / "set.json").read_text())
+        except FileNotFoundError:
+            continue  # being replaced
+        if before == after:
+            assert plots == {f"{before['tag']} {before['k']}"}
+    assert [ran(process) for process in processes] == [(0, ""), (0, "")]
+    assert not parts(tmp_path)
+    last = json.loads((tmp_path / "set.json").read_text())
+    assert {(tmp_path / name).read_text() for name in "ab"} == {f"{last['tag']} {last['k']}"}
+
+
+WRITE_LOGS = """
+import sys
+import numpy as np
+from tinykoop import sim
+rows = int(sys.argv[2])
+for _ in range(30):
+    sim.write_log(sys.argv[1], np.full((rows, 3), rows), np.zeros((rows, 2)), 0.1)
+"""
+
+
+def test_two_writers_of_one_log_leave_one_of_them(tmp_path):
+    """They used to write into the same file beside it."""
+    path = tmp_path / "log.csv"
+    processes = [python(WRITE_LOGS, path, rows) for rows in (2000, 3000)]
+    assert [ran(process) for process in processes] == [(0, ""), (0, "")]
+    x = sim.read_log(path).x
+    assert len(x) in (2000, 3000) and (x == len(x)).all()
+    assert not parts(tmp_path)
+
+
+def test_a_second_campaign_into_a_folder_is_refused(tmp_path):
+    with results.alone(tmp_path / "blind.json"):
+        with pytest.raises(UserError, match="another run is at work on it"):
+            with results.alone(tmp_path / "blind.json"):
+                pass
+    with results.alone(tmp_path / "blind.json"):
+        pass

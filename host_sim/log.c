@@ -1,5 +1,7 @@
 /* CSV logs: contract of columns, checks, masks and segments. */
-#define _POSIX_C_SOURCE 200112L
+#define _POSIX_C_SOURCE 200809L /* locales of a thread */
+
+#include <locale.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -48,6 +50,18 @@ void tk_log_free(tk_log *log) {
 	free(log->seg);
 	free(log->pose_ok);
 	free(log);
+}
+
+/* Numbers have a point, whatever the locale of the program. In this thread it is set aside; null: it cannot
+ * be. */
+static locale_t set_locale_aside(void) {
+	const locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+	if (!plain) { fail("out of memory"); }
+	return plain ? uselocale(plain) : (locale_t)0;
+}
+
+static void put_locale_back(locale_t before) {
+	freelocale(uselocale(before));
 }
 
 /* ---- Reading --------------------------------------------------------------- */
@@ -262,10 +276,7 @@ static int read_log(reader *r, tk_log *log) {
 	return find_dt(r, log);
 }
 
-int tk_log_read(const char *path, const char *platform_name, tk_log **out) {
-	if (!path || !out) { return fail("path and log must be given"); }
-	const platform *p = platform_by_name(platform_name);
-	if (!p) { return TK_ERROR; }
+static int read_path(const char *path, const platform *p, tk_log **out) {
 	char *text = read_file(path);
 	if (!text) { return TK_ERROR; }
 	tk_log *log = calloc(1, sizeof *log);
@@ -281,6 +292,16 @@ int tk_log_read(const char *path, const char *platform_name, tk_log **out) {
 	} else {
 		tk_log_free(log);
 	}
+	return status;
+}
+
+int tk_log_read(const char *path, const char *platform_name, tk_log **out) {
+	if (!path || !out) { return fail("path and log must be given"); }
+	const platform *p = platform_by_name(platform_name);
+	const locale_t before = p ? set_locale_aside() : (locale_t)0;
+	if (!before) { return TK_ERROR; }
+	const int status = read_path(path, p, out);
+	put_locale_back(before);
 	return status;
 }
 
@@ -310,6 +331,22 @@ int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usab
 
 /* ---- Writing ----------------------------------------------------------------- */
 
+static int write_rows(FILE *file, const platform *p, size_t rows, double dt, const double *x,
+                      const double *u) {
+	const locale_t before = set_locale_aside();
+	if (!before) { return 0; }
+	const size_t columns = 1 + p->n_states + p->n_inputs;
+	for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i]); }
+	for (size_t k = 0; k < rows; k++) {
+		fprintf(file, "\n%.10g", (double)k * dt);
+		for (size_t i = 0; i < p->n_states; i++) { fprintf(file, ",%.17g", x[k * p->n_states + i]); }
+		for (size_t i = 0; i < p->n_inputs; i++) { fprintf(file, ",%.17g", u[k * p->n_inputs + i]); }
+	}
+	fprintf(file, "\n");
+	put_locale_back(before);
+	return fflush(file) == 0 && !ferror(file) && fsync(fileno(file)) == 0;
+}
+
 /* Into a file beside, this process's own, renamed when whole: a half-written log is never taken for one. */
 int tk_log_write(const char *path, const char *platform_name, size_t rows, double dt, const double *x,
                  const double *u) {
@@ -330,15 +367,7 @@ int tk_log_write(const char *path, const char *platform_name, size_t rows, doubl
 	FILE *file = fopen(beside, "w");
 	int ok = file != NULL;
 	if (ok) {
-		const size_t columns = 1 + p->n_states + p->n_inputs;
-		for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i]); }
-		for (size_t k = 0; k < rows; k++) {
-			fprintf(file, "\n%.10g", (double)k * dt);
-			for (size_t i = 0; i < p->n_states; i++) { fprintf(file, ",%.17g", x[k * p->n_states + i]); }
-			for (size_t i = 0; i < p->n_inputs; i++) { fprintf(file, ",%.17g", u[k * p->n_inputs + i]); }
-		}
-		fprintf(file, "\n");
-		ok = fflush(file) == 0 && !ferror(file) && fsync(fileno(file)) == 0;
+		ok = write_rows(file, p, rows, dt, x, u);
 		ok = fclose(file) == 0 && ok;
 		ok = ok && rename(beside, path) == 0;
 		if (!ok) { remove(beside); }

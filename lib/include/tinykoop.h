@@ -102,6 +102,7 @@ enum {
  * worst case: up to MAX_NEWTON steps with KOOP_MPC_NEWTON, up to MAX_GRADIENT with
  * KOOP_MPC_GRADIENT. Define the latter smaller where time is shorter. */
 #define KOOP_MPC_MAX_HORIZON 1000
+#define KOOP_MPC_MAX_INPUTS 65535 /* H m: the size of the storage then fits 32 bits */
 #define KOOP_MPC_MAX_NEWTON 100
 #ifndef KOOP_MPC_MAX_GRADIENT
 #define KOOP_MPC_MAX_GRADIENT 5000

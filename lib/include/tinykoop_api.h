@@ -124,7 +124,7 @@ typedef struct KOOP(config) {
 /* What an update saw, filled in whether it took the sample or not. */
 typedef struct KOOP(health) {
 	KOOP_REAL innovation;   /* |psi_next - Theta zeta|, before the update */
-	KOOP_REAL trace;        /* of P; infinite where only its root fits this precision */
+	KOOP_REAL trace;        /* of P; infinite where it does not fit this precision */
 	KOOP_REAL min_diagonal; /* smallest diagonal element of P */
 	int gated;              /* 1: the regulator left P alone */
 	int positive_definite;  /* 0: P is not, or would not have been */

@@ -309,7 +309,7 @@ OUT_OF_LINE static int condense(KOOP(mpc) *mpc, const real *theta, const real *p
 			sum += response_weight(mpc, a, j);
 			const real diagonal = sum + (real)(a > 0 ? 2 : 1) * rate;
 			if (!is_finite(diagonal)) { return KOOP_E_OVERFLOW; }
-			if (!(diagonal > 0)) { return KOOP_E_INDEFINITE; }
+			if (!(diagonal >= REAL_MIN)) { return KOOP_E_INDEFINITE; } /* its inverse would not be finite */
 			mpc->inverse[a * m + j] = 1 / diagonal;
 		}
 	}

@@ -105,14 +105,14 @@ static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real d
 		least = *diagonal < least ? *diagonal : least;
 	}
 	least *= MATH(sqrt)(step->noise / denominator);
-	if (!(least > 0)) { return KOOP_E_INDEFINITE; }
+	if (!(least >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
 	if (step->trace > 0) {
 		/* an update without scale lowers the trace, by no more than noise / denominator:
 		 * neither it nor the factor that restores it may leave the range, nor take the diagonal out of it */
 		const real trace = dot(S, S, size);
 		if (!(trace < REAL_MAX)) { return KOOP_E_OVERFLOW; }
-		if (!(least * MATH(sqrt)(step->trace / trace) > 0)) { return KOOP_E_INDEFINITE; }
 		if (!(step->trace / trace * (denominator / step->noise) < REAL_MAX)) { return KOOP_E_OVERFLOW; }
+		if (!(least * MATH(sqrt)(step->trace / trace) >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
 	}
 	return KOOP_OK;
 }

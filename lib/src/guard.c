@@ -50,7 +50,7 @@ static void judge_sample(KOOP(guard) *g, const real *online, const real *psi, co
                          const real *psi_next) {
 	const real *const theta[] = {online, g->last_good, g->offline};
 	const real reference = square_error(g, g->offline, psi, u, psi_next);
-	if (!is_finite(reference)) { return; }
+	if (!is_finite(GUARD_WILD * reference)) { return; }
 	g->error[OFFLINE] += (reference - g->error[OFFLINE]) / GUARD_ERROR_STEPS;
 	for (int model = ONLINE; model < OFFLINE; model++) {
 		const real seen = square_error(g, theta[model], psi, u, psi_next);

@@ -7,14 +7,14 @@ COLD int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real r
 	if (!filter || !storage) { return KOOP_E_NULL; }
 	if (n < 1 || n > KOOP_MAX_DIM) { return KOOP_E_SIZE; }
 	if (reals < KOOP_LOWPASS_REALS(n)) { return KOOP_E_STORAGE; }
-	/* written so that NaN fails; below, the poles are lost in the rounding of float32 */
-	if (!(rate > 0 && is_finite(rate) && cutoff >= rate * (real)1e-3 && cutoff <= rate * (real)0.45)) {
-		return KOOP_E_RANGE;
-	}
+	/* written so that NaN fails; below, the poles are lost in the rounding of float32. Not by
+	 * rate * 1e-3, which is 0 for a rate at the end of the range, as such a cutoff would be. */
+	const real part = cutoff / rate;
+	if (!(rate > 0 && is_finite(rate) && part >= (real)1e-3 && part <= (real)0.45)) { return KOOP_E_RANGE; }
 	const real pi = (real)3.14159265358979323846, root2 = (real)1.41421356237309504880;
 	KOOP(angle) angle;
 	real turn[2]; /* sine and cosine */
-	reduce(&angle, pi * (cutoff / rate));
+	reduce(&angle, pi * part);
 	sine_cosine(&angle, turn);
 	const real k = turn[0] / turn[1];
 	const real scale = 1 / (1 + root2 * k + k * k);

@@ -79,13 +79,15 @@ static int have_factor(KOOP(mpc) *mpc) {
  * inside the box. */
 static int find_way(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	do {
+	for (size_t k = 0; k <= V; k++) {
 		const int status = have_factor(mpc);
 		if (status != KOOP_OK) { return status; }
 		(void)try_newton(mpc, 0);
 		for (size_t q = 0; q < V; q++) { mpc->step[q] = mpc->plan[q] - mpc->trial[q]; }
-	} while (choose_free(mpc, mpc->step));
-	return KOOP_OK;
+		if (!all_finite(mpc->step, V)) { break; } /* bounds would hold some and let them go again, for ever */
+		if (!choose_free(mpc, mpc->step)) { return KOOP_OK; }
+	}
+	return KOOP_E_OVERFLOW;
 }
 
 /* The part of the step that brings the first input to its bound, at most 1. */
@@ -201,7 +203,8 @@ OUT_OF_LINE static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) 
 static COLD int mpc_sizes_check(const KOOP(mpc_config) *c) {
 	const size_t N = c->n_lifted, n = c->n_states, m = c->n_inputs;
 	if (N > KOOP_MAX_DIM || n < 1 || n > N || m < 1 || m > KOOP_MAX_DIM - N) { return KOOP_E_SIZE; }
-	return c->horizon >= 1 && c->horizon <= KOOP_MPC_MAX_HORIZON ? KOOP_OK : KOOP_E_SIZE;
+	if (c->horizon < 1 || c->horizon > KOOP_MPC_MAX_HORIZON) { return KOOP_E_SIZE; }
+	return c->horizon * m <= KOOP_MPC_MAX_INPUTS ? KOOP_OK : KOOP_E_SIZE;
 }
 
 static COLD int weights_are_finite(const KOOP(mpc_config) *c) {

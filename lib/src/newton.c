@@ -328,13 +328,14 @@ static void substitute_forwards(const KOOP(mpc) *mpc, real *step) {
 	const size_t size = mpc->n_free;
 	for (size_t r = 0, next; r < size; r = next) {
 		next = r + (size - r - 1) % GROUP + 1;
-		const size_t end = next - r == GROUP ? next : size;
+		const int whole = next - r == GROUP;
+		const size_t end = whole ? next : size;
 		for (size_t i = r; i < next; i++) {
 			const real *row = factor_row(mpc, i), x = step[i] * row[i];
 			step[i] = x;
 			for (size_t k = i + 1; k < end; k++) { step[k] -= x * row[k]; }
 		}
-		if (end == next) { take_rows(mpc, r, step); }
+		if (whole) { take_rows(mpc, r, step); }
 	}
 }
 

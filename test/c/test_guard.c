@@ -455,6 +455,25 @@ static void test_objects_that_do_not_fit(void) {
 	TEST_ASSERT_EQUAL_MEMORY(&before, &l.guard, sizeof before);
 }
 
+/* Samples as large as the range allows, on a model that is garbage: the mean errors stay numbers, else the
+ * online model would never be trusted again. */
+static void test_wild_samples_are_forgotten(void) {
+	settle(&KOOP(poly_ddr), KOOP_CHECK_REPORT);
+	const real theta = l.rls.theta[0];
+	real wild[MOST_N];
+	memcpy(wild, l.psi, sizeof wild);
+	wild[0] = (real)sqrt((double)REAL_MAX / 100);
+	for (int k = 0; k < 50; k++) {
+		l.rls.theta[0] = REAL_MAX / 4;
+		l.guard.model = KOOP_GUARD_ONLINE;
+		KOOP(guard_update)(&l.guard, &l.rls, l.psi, l.u, wild, NULL);
+		for (size_t i = 0; i < 3; i++) { CHECK(isfinite(l.guard.error[i]), "sample %d, model %zu", k, i); }
+	}
+	l.rls.theta[0] = theta;
+	drive(1000);
+	recovers("wild samples", &KOOP(poly_ddr), 300);
+}
+
 /* What is refused leaves guard and learner as they were. */
 static void test_arguments(void) {
 	real reference[H * STATES] = {0}, u[M] = {7, 7};
@@ -527,6 +546,7 @@ int main(void) {
 	RUN_TEST(test_what_is_told);
 	RUN_TEST(test_offline_model_beyond_range);
 	RUN_TEST(test_objects_that_do_not_fit);
+	RUN_TEST(test_wild_samples_are_forgotten);
 	RUN_TEST(test_arguments);
 	return UNITY_END();
 }

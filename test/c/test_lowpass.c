@@ -139,6 +139,15 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(lowpass_step)(&filter, &x, NULL));
 }
 
+/* Where a thousandth of the rate underflows to 0, a cutoff of 0 is not above it. */
+static void test_rate_at_the_end_of_the_range(void) {
+	KOOP(lowpass) filter;
+	const real rate = REAL_MIN * REAL_EPSILON * 100;
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(lowpass_init)(&filter, 1, 0, rate, storage, 2));
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(lowpass_init)(&filter, 1, rate, rate, storage, 2));
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(lowpass_init)(&filter, 1, REAL_MAX, REAL_MIN, storage, 2));
+}
+
 static void test_lasts(void) {
 	/* a hundred thousand samples of the largest input allowed, changing sign: the worst for the states */
 	KOOP(lowpass) filter = filter_of(1, 0.1, 100);
@@ -158,6 +167,7 @@ int main(void) {
 	RUN_TEST(test_slow_signals_are_late_by_what_is_said);
 	RUN_TEST(test_refused_samples_change_nothing);
 	RUN_TEST(test_arguments);
+	RUN_TEST(test_rate_at_the_end_of_the_range);
 	RUN_TEST(test_lasts);
 	return UNITY_END();
 }

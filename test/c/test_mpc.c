@@ -506,6 +506,31 @@ static void test_controller_that_was_never_made(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(mpc_sensitivity)(&empty, 0, plan));
 }
 
+/* One sample of the reference is so large that the gradient is not finite: bounds were looked for without
+ * end. */
+static void test_gradient_beyond_range(void) {
+	random_source random = random_seed(5);
+	int refused = 0, planned = 0;
+	for (int k = 0; k < 2000; k++) {
+		problem p;
+		real u[MOST_INPUTS];
+		KOOP(mpc_result) result;
+		random_problem(&random, &p, k % 2);
+		const double most = log2((double)REAL_MAX), size = exp2(random_uniform(&random, most - 8, most));
+		p.reference[random_below(&random, p.H * p.n)] = (real)size;
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.config, storage, sizeof storage / sizeof *storage));
+		const int status = KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, u, &result);
+		CHECK(status == KOOP_OK || status == KOOP_E_OVERFLOW || status == KOOP_E_INDEFINITE, "%d", status);
+		for (size_t j = 0; j < p.m; j++) {
+			CHECK(u[j] >= p.low[j] && u[j] <= p.high[j], "u[%u] = %g", (unsigned)j, (double)u[j]);
+			if (status != KOOP_OK) { TEST_ASSERT_TRUE(u[j] == p.safe[j]); }
+		}
+		refused += status == KOOP_E_OVERFLOW;
+		planned += status == KOOP_OK;
+	}
+	CHECK(refused > 20 && planned > 200, "%d refused, %d planned", refused, planned);
+}
+
 static void test_arguments(void) {
 	random_source random = random_seed(4);
 	problem p;
@@ -540,6 +565,7 @@ static void test_arguments(void) {
 	REFUSED(KOOP_E_SIZE, n_inputs = KOOP_MAX_DIM);
 	REFUSED(KOOP_E_SIZE, horizon = 0);
 	REFUSED(KOOP_E_SIZE, horizon = KOOP_MPC_MAX_HORIZON + 1);
+	REFUSED(KOOP_E_SIZE, n_lifted = c.n_states = 1; c.n_inputs = 128; c.horizon = 512); /* 32 bits overflow */
 	REFUSED(KOOP_E_RANGE, R = bad);
 	REFUSED(KOOP_E_RANGE, u_max = p.low);
 	p.safe[0] = p.high[0] + 1;
@@ -595,6 +621,7 @@ int main(void) {
 	RUN_TEST(test_weights);
 	RUN_TEST(test_sensitivity);
 	RUN_TEST(test_controller_that_was_never_made);
+	RUN_TEST(test_gradient_beyond_range);
 	RUN_TEST(test_arguments);
 	return UNITY_END();
 }

@@ -235,6 +235,23 @@ static void test_constant_trace(void) {
 }
 
 /* The two bounds of the paper's remark. Constant regressors drive P into both. */
+/* A trace so far below that of P that P would underflow to 0 and never learn again. */
+static void test_constant_trace_far_below_p(void) {
+	for (int f = 0; f < FORMS; f++) {
+		learned before, after;
+		const real zeta[3] = {1, 1, 1}, psi_next[2] = {1, 1};
+		estimator_settings(&e, 2, 1, &KOOP(reg_ct), all_forms[f]);
+		e.config.p0 = REAL_MAX / 1000;
+		e.config.tau0 = REAL_MIN;
+		estimator_start(&e);
+		learned_take(&before, &e);
+		CHECK_STATUS(KOOP_E_INDEFINITE, estimator_update(&e, zeta, psi_next, NULL));
+		learned_take(&after, &e);
+		TEST_ASSERT_TRUE(learned_same_covariance(&before, &after, &e));
+		TEST_ASSERT_TRUE(after.covariance[0] > 0);
+	}
+}
+
 static void test_sift_keeps_eigenvalues_bounded(void) {
 	enum { N = 4, M = 1, D = N + M };
 	const double eps_sift = 0.05, beta = 4, p0 = 1, lambda = 0.9;
@@ -322,6 +339,7 @@ int main(void) {
 	RUN_TEST(test_equal_batch_least_squares);
 	RUN_TEST(test_dead_zones_gate_at_delta);
 	RUN_TEST(test_constant_trace);
+	RUN_TEST(test_constant_trace_far_below_p);
 	RUN_TEST(test_sift_keeps_eigenvalues_bounded);
 	RUN_TEST(test_sift_ignores_what_carries_no_information);
 	RUN_TEST(test_sift_does_not_forget_what_is_not_excited);

@@ -1,6 +1,7 @@
 """The CSV contract of logs: what is read, what is refused and with what words, and that nothing crashes."""
 
 import os
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -291,6 +292,38 @@ def test_unknown_platform(tmp_path):
 def test_other_platforms_log(read):
     with pytest.raises(UserError, match=r"log\.csv:1: column 'px' is missing"):
         read(table("fwmav"))
+
+
+# ---- a program that writes numbers with a comma -----------------------------------------------------
+
+COMMA = textwrap.dedent("""
+    import locale, sys
+    import numpy as np
+    from tinykoop import sim
+
+    locale.setlocale(locale.LC_NUMERIC, "comma")
+    assert locale.localeconv()["decimal_point"] == ","
+    x, u = np.full((4, 3), 1.5), np.full((4, 2), 0.25)
+    sim.write_log(sys.argv[1], x, u, 0.05)
+    log = sim.read_log(sys.argv[1])
+    assert (log.x == x).all() and (log.u == u).all() and abs(log.dt - 0.05) < 1e-12
+    assert locale.localeconv()["decimal_point"] == ","
+""")
+
+
+def test_locale_with_a_decimal_comma(tmp_path):
+    """strtod() and printf() follow the program's locale; a log does not."""
+    source = tmp_path / "comma.txt"
+    source.write_text('LC_NUMERIC\ndecimal_point ","\nthousands_sep ""\ngrouping -1\nEND LC_NUMERIC\n')
+    if not shutil.which("localedef"):
+        pytest.skip("no localedef to make a locale with")
+    subprocess.run(["localedef", "-c", "-i", source, "-f", "UTF-8", tmp_path / "comma"], capture_output=True)
+    if not (tmp_path / "comma/LC_NUMERIC").is_file():
+        pytest.skip("localedef makes no locale here")
+    environment = os.environ | {"PYTHONPATH": str(Path(sim.__file__).resolve().parents[1]), "LOCPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", COMMA, tmp_path / "log.csv"], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "log.csv").read_text().splitlines()[2] == "0.05,1.5,1.5,1.5,0.25,0.25"
 
 
 # ---- what nobody thought of ------------------------------------------------------------------------

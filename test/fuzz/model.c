@@ -1,0 +1,76 @@
+/* A stored model of any bytes, also with a right checksum, and a right header. */
+#include "world.h"
+
+#include <string.h>
+
+enum { CHECKSUM_AT = 20, AS_IT_IS = 0, SEALED = 1, WITH_HEADER = 2, MODES = 3 };
+
+static void lift_nothing(const KOOP(dictionary) *self, const real *x, real *psi) {
+	(void)self;
+	(void)x;
+	(void)psi;
+}
+
+static uint32_t add_to_checksum(uint32_t crc, const unsigned char *bytes, size_t count) {
+	for (; count > 0; count--) {
+		crc ^= *bytes++;
+		for (int bit = 0; bit < 8; bit++) { crc = crc & 1 ? crc >> 1 ^ 0xEDB88320u : crc >> 1; }
+	}
+	return crc;
+}
+
+static void seal(unsigned char *bytes, size_t size) {
+	if (size < KOOP_MODEL_HEADER_BYTES) { return; }
+	const uint32_t crc = ~add_to_checksum(add_to_checksum(~0u, bytes, CHECKSUM_AT),
+	                                      bytes + KOOP_MODEL_HEADER_BYTES, size - KOOP_MODEL_HEADER_BYTES);
+	for (int i = 0; i < 4; i++) { bytes[CHECKSUM_AT + i] = (unsigned char)(crc >> (8 * i)); }
+}
+
+/* Whether the numbers behind the header are finite. */
+static int is_finite(const unsigned char *bytes, size_t size) {
+	for (size_t at = KOOP_MODEL_HEADER_BYTES; at < size; at += sizeof(real)) {
+		real value;
+		memcpy(&value, bytes + at, sizeof value);
+		if (!isfinite(value)) { return 0; }
+	}
+	return 1;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+	input in = {data, size};
+	KOOP(dictionary) dictionary = {"bytes", 1, 1 + take_below(&in, 5), lift_nothing, NULL};
+	const KOOP(config) config = {.dictionary = &dictionary,
+	                             .n_inputs = 1 + take_below(&in, 3),
+	                             .regulator = &KOOP(reg_ef),
+	                             .form = &KOOP(form_plain),
+	                             .lambda = 1,
+	                             .p0 = 1};
+	KOOP(rls) rls = {0};
+	size_t reals = 0;
+	EXPECT(KOOP(rls_reals)(&config, &reals) == KOOP_OK, "settings");
+	EXPECT(KOOP(rls_init)(&rls, &config, allocate(reals * sizeof(real)), reals) == KOOP_OK, "settings");
+
+	const size_t mode = take_below(&in, MODES), exact = MODEL_BYTES(rls.n_lifted, config.n_inputs);
+	const size_t length = mode == WITH_HEADER ? exact : in.left;
+	unsigned char *model = allocate(length), *again = allocate(exact), *header = allocate(exact);
+	take(&in, model, length);
+	if (mode == WITH_HEADER) {
+		EXPECT(KOOP(model_save)(&rls, header, exact) == KOOP_OK, "cannot be saved");
+		memcpy(model, header, KOOP_MODEL_HEADER_BYTES);
+	}
+	if (mode != AS_IT_IS) { seal(model, length); }
+
+	const learned before = learned_take(&rls);
+	const int status = KOOP(model_load)(&rls, model, length);
+	if (mode == WITH_HEADER) { EXPECT((status == KOOP_OK) == is_finite(model, length), "status %d", status); }
+	if (status == KOOP_OK) {
+		EXPECT(KOOP(model_save)(&rls, again, exact) == KOOP_OK, "cannot be saved");
+		EXPECT(length == exact && memcmp(model, again, exact) == 0, "another model is saved than was loaded");
+	} else {
+		EXPECT(status == KOOP_E_MODEL, "status %d", status);
+		learned_expect(&before, &rls, "refused model_load()");
+	}
+	learned_check(&rls);
+	free_all();
+	return 0;
+}

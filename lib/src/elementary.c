@@ -104,8 +104,8 @@ static void reduce(KOOP(angle) *angle, real x) {
 	angle->quarters = (uint32_t)quarters;
 }
 
-/* out = sine, cosine */
-static void sine_cosine(const KOOP(angle) *angle, real *out) {
+/* out = sine, cosine. The angle becomes that of the two as they are rounded. */
+static void sine_cosine(KOOP(angle) *angle, real *out) {
 	const real x = angle->rest, low = angle->low, square = x * x, half = square / 2, most = 1 - half;
 	real of_sine = 0, of_cosine = 0;
 	for (size_t n = 3 + 2 * SINE_TERMS; n > 3;) {
@@ -113,8 +113,10 @@ static void sine_cosine(const KOOP(angle) *angle, real *out) {
 		of_sine = inverse_factorial(n) - of_sine * square;
 		of_cosine = inverse_factorial(n + 1) - of_cosine * square;
 	}
-	const real sine = x + (low * most - x * square * of_sine);
-	const real cosine = most + (((1 - most) - half) + (square * square * of_cosine - x * low));
+	const real sine_low = low * most - x * square * of_sine;
+	const real cosine_low = ((1 - most) - half) + (square * square * of_cosine - x * low);
+	const real sine = x + sine_low, cosine = most + cosine_low;
+	angle->low += sine * ((most - cosine) + cosine_low) - cosine * ((x - sine) + sine_low);
 	const int odd = angle->quarters & 1;
 	out[0] = odd ? cosine : sine;
 	out[1] = odd ? sine : cosine;
@@ -122,7 +124,7 @@ static void sine_cosine(const KOOP(angle) *angle, real *out) {
 	if ((angle->quarters + 1) & 2) { out[1] = -out[1]; }
 }
 
-/* The angle in (-pi, pi] */
+/* The angle in [-pi, pi]: after sine_cosine(), the atan2() of what that gave */
 static real wrapped(const KOOP(angle) *angle) {
 	const real quarter = (real)1.5707963267948966;
 	const uint32_t quarters = angle->quarters & 3;

@@ -253,13 +253,28 @@ def test_float32_vanilla_rbf_breaks_when_the_reference_does(run):
     assert np.isfinite(traces["error"]).all()
 
 
-@pytest.mark.parametrize("precision", [64, 32])
-def test_square_root_form_survives_vanilla_rbf(run, precision):
+def test_square_root_form_survives_vanilla_rbf(run):
     """Where the plain form breaks, this one gives what 400-bit arithmetic gives: error 2.17e-3, norm P 2.393e46.
 
-    Found: 2.20e-3 in float64, 2.31e-3 in float32; norm P to all digits.
+    Found: 2.20e-3 in float64; norm P to all digits.
     """
-    figures, traces, _ = run("rbf_ddr", "ef", precision, form="sqrt")
+    figures, traces, _ = run("rbf_ddr", "ef", form="sqrt")
     assert within(figures[0], 2.17e-3, 0.15)
     assert within(figures[1], 2.393e46, 0.001)
     assert not traces["status"].any()
+
+
+def test_square_root_form_survives_vanilla_rbf_in_float32(drive):
+    """Here the error is one of round-off: from 2.2e-3 to 5e-3, by last digits of the states. So the median of nine.
+
+    Found: 2.6e-3 (2.5e-3 with glibc's sine and exponential); norm P to all digits.
+    """
+    x, u, _ = drive
+    errors = []
+    for seed in range(9):
+        estimator = sim.Estimator("rbf_ddr", "ef", 32, form="sqrt")
+        traces = estimator.replay(x + 1e-7 * np.random.default_rng(seed).standard_normal(x.shape), u, every=25)
+        assert within(traces["norm_p"][-1], 2.393e46, 0.001)
+        assert not traces["status"].any()
+        errors.append(np.nanmean(traces["error"]))
+    assert within(np.median(errors), 2.17e-3, 0.3), errors

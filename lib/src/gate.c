@@ -31,12 +31,10 @@ static void gate_begin_trial(KOOP(gate) *gate) {
 	gate->strain = 1;
 }
 
-static COLD KOOP(gate_config) gate_settings(const KOOP(gate_config) *given, const KOOP(rls) *rls) {
-	KOOP(gate_config) c = {0, 0, 0};
-	if (given) { c = *given; }
-	if (!(c.multiple > 0)) { c.multiple = GATE_MULTIPLE; }
-	if (c.patience == 0) { c.patience = GATE_LEARNED * rls->n_regressors; }
-	return c;
+static COLD void gate_configure(KOOP(gate) *gate, const KOOP(gate_config) *c) {
+	if (c) { gate->config = *c; }
+	if (!(gate->config.multiple > 0)) { gate->config.multiple = GATE_MULTIPLE; }
+	if (gate->config.patience == 0) { gate->config.patience = GATE_LEARNED * gate->n_regressors; }
 }
 
 COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
@@ -47,9 +45,9 @@ COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, cons
 	if (reals < KOOP_GATE_REALS(rls->n_lifted, rls->config.n_inputs)) { return KOOP_E_STORAGE; }
 
 	memset(gate, 0, sizeof *gate);
-	gate->config = gate_settings(config, rls);
 	gate->n_lifted = rls->n_lifted;
 	gate->n_regressors = rls->n_regressors;
+	gate_configure(gate, config);
 	gate->last_good = storage;
 	gate->usual = storage + gate_theta_reals(rls);
 	copy(gate->last_good, rls->theta, gate_theta_reals(rls));

@@ -106,8 +106,7 @@ static void test_outlier_leaves_no_trace(void) {
 			learned before;
 			KOOP(health) health;
 			draw(1, NOISE, zeta, psi_next);
-			psi_next[position] +=
-			    (real)(30 * NOISE);
+			psi_next[position] += (real)(30 * NOISE);
 			learned_take(&before, &e);
 			const int status = gated(zeta, psi_next, &health);
 			CHECK(status == KOOP_E_OUTLIER, "%s: %d, usual %g", estimator_name(&e), status,
@@ -151,8 +150,8 @@ static void test_patience(void) {
 		TEST_ASSERT_TRUE(memcmp(e.rls.theta, gate.last_good, D * e.rls.n_lifted_padded * sizeof(real)) == 0);
 		for (int i = 0; i < D * D; i++) {
 			const double expected = i % (D + 1) == 0 ? 10000 : 0;
-			CHECK(fabs((double)after.covariance[i] - expected) <= 20000 * (double)REAL_EPSILON, "P[%d] = %g", i,
-			      (double)after.covariance[i]);
+			CHECK(fabs((double)after.covariance[i] - expected) <= 20000 * (double)REAL_EPSILON, "P[%d] = %g",
+			      i, (double)after.covariance[i]);
 		}
 	}
 }
@@ -208,8 +207,63 @@ static void test_grows_from_nothing(void) {
 	for (int k = 0; k < 5000; k++) { CHECK_STATUS(KOOP_OK, gated(zeta, psi_next, NULL)); }
 	for (int i = 0; i < N; i++) { TEST_ASSERT_TRUE(!(gate.usual[i] > 0)); }
 	drive(1, NOISE, 30 * (PATIENCE + TRIAL));
+	const size_t restarts = gate.restarts;
 	TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 1000));
+	TEST_ASSERT_EQUAL_size_t(restarts, gate.restarts);
 	CHECK(error_on(1) < NOISE, "%g", error_on(1));
+}
+
+/* Of what is out of the ordinary for long, and of nothing else. */
+static void test_only_what_is_seen_becomes_usual(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	for (int k = 0; k < 10 * (PATIENCE + TRIAL); k++) {
+		real zeta[D], psi_next[N];
+		draw(1, NOISE, zeta, psi_next);
+		psi_next[0] = random_uniform(&random, -1, 1);
+		gated(zeta, psi_next, NULL);
+	}
+	CHECK(gate.usual[0] > (real)1e-2, "%g", (double)gate.usual[0]);
+	for (int i = 1; i < N; i++) {
+		CHECK((double)gate.usual[i] < 2 * NOISE * NOISE, "%g", (double)gate.usual[i]);
+	}
+}
+
+static void test_usual_follows(void) {
+	start(&KOOP(reg_none), &KOOP(form_sqrt), NULL);
+	drive(1, NOISE, 20000);
+	const double before = (double)gate.usual[0];
+	drive(1, 1.5 * NOISE, 10000); /* two memories: most of the way from 1 to 2.25 */
+	const double grown = (double)gate.usual[0] / before;
+	CHECK(grown > 1.9 && grown < 2.3, "%g", grown);
+	TEST_ASSERT_EQUAL_size_t(0, gate.restarts);
+}
+
+/* A model is kept as good only after a patience without a refusal. */
+static void test_last_good(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	real kept[KOOP_GATE_REALS(N, M)];
+	memcpy(kept, storage, sizeof kept);
+	const size_t size = D * e.rls.n_lifted_padded * sizeof(real);
+	for (int k = 0; k < 10 * PATIENCE; k++) {
+		real zeta[D], psi_next[N];
+		draw(1, NOISE, zeta, psi_next);
+		if (k % (PATIENCE - 1) == 0) { psi_next[1] += 1; }
+		gated(zeta, psi_next, NULL);
+		CHECK(memcmp(kept, gate.last_good, size) == 0, "sample %d", k);
+	}
+	drive(1, NOISE, PATIENCE);
+	TEST_ASSERT_TRUE(memcmp(kept, gate.last_good, size) != 0);
+}
+
+/* Only a trial in vain says that what is usual has changed: two jumps far apart do not. */
+static void test_jumps_far_apart(void) {
+	start_learned(&KOOP(reg_none), &KOOP(form_sqrt));
+	const double before = (double)gate.usual[0];
+	drive(0.3, NOISE, PATIENCE + TRIAL + 2 * PATIENCE);
+	TEST_ASSERT_EQUAL_size_t(1, gate.restarts);
+	drive(1, NOISE, PATIENCE);
+	TEST_ASSERT_EQUAL_size_t(2, gate.restarts);
+	CHECK((double)gate.usual[0] < 2 * before, "%g, was %g", (double)gate.usual[0], before);
 }
 
 static void test_floor(void) {
@@ -287,9 +341,9 @@ static void test_wild_samples(void) {
 			}
 			const int status = gated(sample, sample + D, NULL);
 			CHECK(status <= KOOP_OK && status != KOOP_E_NULL, "%d", status);
+			CHECK(isfinite(gate.strain), "strain %g", (double)gate.strain);
 		}
 		for (int i = 0; i < N; i++) { CHECK(isfinite(gate.usual[i]), "usual %g", (double)gate.usual[i]); }
-		CHECK(isfinite(gate.strain), "strain %g", (double)gate.strain);
 		learned now;
 		learned_take(&now, &e);
 		for (int i = 0; i < N * D; i++) { CHECK(isfinite(now.theta[i]), "%s", estimator_name(&e)); }
@@ -363,6 +417,10 @@ int main(void) {
 	RUN_TEST(test_strain_starts_it_again);
 	RUN_TEST(test_more_noise_for_good);
 	RUN_TEST(test_grows_from_nothing);
+	RUN_TEST(test_only_what_is_seen_becomes_usual);
+	RUN_TEST(test_usual_follows);
+	RUN_TEST(test_last_good);
+	RUN_TEST(test_jumps_far_apart);
 	RUN_TEST(test_floor);
 	RUN_TEST(test_lost_sensor_is_no_reason);
 	RUN_TEST(test_overflow_that_keeps_coming_back);

@@ -5,21 +5,8 @@
 /* ---- Values ---------------------------------------------------------------------- */
 
 static real special(size_t which) {
-	static const double values[] = {0.0,
-	                                1.0,
-	                                0.5,
-	                                1e-3,
-	                                1e3,
-	                                1e-6,
-	                                1e6,
-	                                10.0,
-	                                (double)NAN,
-	                                (double)INFINITY,
-	                                0.95,
-	                                1e-9,
-	                                1e9,
-	                                (double)REAL_MAX,
-	                                (double)REAL_MIN};
+	static const double values[] = {0,   1,        0.5,  1e-3, 1e3, 1e-6,     1e6,     10,
+	                                NAN, INFINITY, 0.95, 1e-9, 1e9, REAL_MAX, REAL_MIN};
 	const size_t count = sizeof values / sizeof *values;
 	const real scales[] = {
 	    1, -1, REAL_EPSILON, (real)sqrt((double)REAL_MAX), (real)sqrt((double)REAL_MIN), (real)0.499};
@@ -55,7 +42,10 @@ void take_reals(input *in, real *x, size_t count) {
 	const int exponent = kind == SCALED_NOISE ? (int8_t)take_byte(in) : 0;
 	for (size_t i = 0; i < count; i++) { x[i] = (real)ldexp((double)noise(&state), exponent); }
 	if (kind == NOISE_AND_BITS) { take(in, &x[take_byte(in) % count], sizeof *x); }
-	if (kind == NOISE_AND_SPECIAL) { x[take_byte(in) % count] = special(take_byte(in)); }
+	if (kind == NOISE_AND_SPECIAL) {
+		const real value = special(take_byte(in));
+		x[take_byte(in) % count] = value;
+	}
 }
 
 real take_real(input *in) {
@@ -396,7 +386,8 @@ static void call_model(world *w) {
 	if (saved == KOOP_OK && size == exact) {
 		EXPECT(KOOP(model_load)(rls, bytes, size) == KOOP_OK, "its own model is refused");
 		EXPECT(same_bits(rls->theta, before.theta, theta_reals(rls)), "Theta came back with other bits");
-		bytes[take_byte(&w->in) % size] ^= (unsigned char)(1u << take_below(&w->in, 8));
+		const unsigned char bit = (unsigned char)(1u << take_below(&w->in, 8));
+		bytes[take_byte(&w->in) % size] ^= bit;
 	}
 	const learned now = learned_take(rls);
 	const int loaded = KOOP(model_load)(GIVEN(0, rls), GIVEN(1, bytes), size);

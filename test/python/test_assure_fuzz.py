@@ -14,7 +14,7 @@ CLEAN = "#2\tINITED cov: 89 ft: 260\n#168575\tDONE   cov: 89 ft: 260\nDone 16857
 BROKEN_PROMISE = """#2\tINITED cov: 89
 FINDING /a/test/fuzz/world.c:434: b > 0: b = 0
 ==20200== ERROR: libFuzzer: deadly signal
-    #0 0x7f1 in __sanitizer_print_stack_trace
+    #0 0x7f1 in __sanitizer_print_stack_trace (/a/build/fuzz/tree/test/fuzz/fuzz_calls_koopf+0x143df1)
     #8 0x561 in call_lowpass_init /a/test/fuzz/world.c:434:27
     #9 0x562 in call /a/test/fuzz/world.c:694:2
 artifact_prefix='/a/'; Test unit written to /a/findings/calls-crash-0dc9

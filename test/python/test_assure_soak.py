@@ -29,6 +29,7 @@ def test_what_must_hold():
 def test_figures_of_the_table():
     slower = SOUND | {"steps_to_recover": 300, "refused": REFUSED | {"outlier": 2, "input": 5}}
     assert soak.cell([SOUND, slower]) == "300"
+    assert soak.cell([]) == "-"
     assert soak.cell([SOUND, slower | {"recovered": 3}]) == "87.5 %"
     assert soak.refused([SOUND, slower]) == {"outlier": 42, "input": 5}
     assert list(soak.by_condition([SOUND, SOUND | {"condition": "NaN bursts"}, slower])) == ["stuck sensor", "NaN bursts"]

@@ -47,7 +47,7 @@ def finding(text):
     lines = text.splitlines()
     telling = ("FINDING ", "ERROR: ", "runtime error: ")
     first = next((i for i, line in enumerate(lines) if any(word in line for word in telling)), 0)
-    frames = [line.strip() for line in lines[first + 1 :] if re.match(r"\s+#\d+ .*/(lib|host_sim|test)/", line)]
+    frames = [line.strip() for line in lines[first + 1 :] if re.match(r"\s+#\d+ .*/(lib|host_sim|test)/\S+\.c:\d+", line)]
     return {"input": written[1], "report": [lines[first], *frames[:5]]}
 
 
@@ -113,8 +113,7 @@ def run(out, seconds):
         rows.append(row)
         complaints += [complaint(target, found, program(target))] if found else []
     write_json(out / "fuzz.json", rows)
-    table = [[row["target"], row["executions"], round(row["executions"] / seconds), row["findings"]] for row in rows]
-    print_table(f"Fuzzing, {seconds:g} s each", ["target", "executions", "a second", "findings"], table)
+    print_table(f"Fuzzing, {seconds:g} s each", ["target", "executions", "findings"], [list(row.values()) for row in rows])
     if complaints:
         raise UserError("\n".join(complaints))
     return rows

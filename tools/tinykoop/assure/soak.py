@@ -92,7 +92,7 @@ def cell(rows):
     recovered, episodes = total(rows, "recovered"), total(rows, "episodes")
     if recovered < episodes:
         return f"{100 * recovered / episodes:.1f} %"
-    return str(max(row["steps_to_recover"] for row in rows))
+    return str(max((row["steps_to_recover"] for row in rows), default="-"))
 
 
 # ---- report -----------------------------------------------------------------------------------------

@@ -654,6 +654,49 @@ static void call_guard_control(world *w) {
 	EXPECT(!isnan(w->guard.tracking), "tracking error");
 }
 
+/* ---- Gate -------------------------------------------------------------------------------------------------
+ */
+
+static void call_gate_init(world *w) {
+	const KOOP(rls) *rls = &w->rls;
+	KOOP(gate_config) c = {0};
+	if (take_below(&w->in, 2)) {
+		c.multiple = w->arbitrary ? take_real(&w->in) : (real)(1 + take_byte(&w->in) / 16.0);
+		c.floor = w->arbitrary ? take_real(&w->in) : (real)(take_byte(&w->in) / 256.0);
+		c.patience = w->arbitrary ? take_size(&w->in) : 1 + take_below(&w->in, 8);
+	}
+	const size_t needed = KOOP_GATE_REALS(rls->n_lifted, rls->config.n_inputs);
+	const size_t lacking = w->arbitrary && needed > 0 ? take_below(&w->in, 4) / 3 : 0;
+	real *storage = new_reals(&w->in, needed - lacking);
+	const KOOP(gate) before = w->gate;
+	const int status =
+	    KOOP(gate_init)(GIVEN(0, &w->gate), GIVEN(3, &c), GIVEN(1, rls), GIVEN(2, storage), needed - lacking);
+	expect_status(w, status, 3);
+	EXPECT(status != KOOP_OK || !lacking, "%zu reals are enough", needed - lacking);
+	if (status != KOOP_OK) {
+		EXPECT(!memcmp(&before, &w->gate, sizeof before), "status %d changes it", status);
+	}
+}
+
+static void call_gate_update(world *w) {
+	KOOP(rls) *rls = &w->rls;
+	const size_t N = rls->n_lifted, m = rls->config.n_inputs, restarts = w->gate.restarts;
+	const real *psi = new_reals(&w->in, N), *u = new_reals(&w->in, m), *psi_next = new_reals(&w->in, N);
+	const learned before = learned_take(rls);
+	KOOP(health) health;
+	const int status = KOOP(gate_update)(GIVEN(0, &w->gate), GIVEN(1, rls), GIVEN(2, psi), GIVEN(3, u),
+	                                     GIVEN(4, psi_next), GIVEN(5, &health));
+	expect_status(w, status, 5);
+	const int began_again = w->gate.restarts != restarts;
+	EXPECT(!began_again || w->gate.restarts == restarts + 1, "%zu after %zu", w->gate.restarts, restarts);
+	if (status != KOOP_OK && !began_again) { learned_expect(&before, rls, "refused gate_update()"); }
+	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return; }
+	if (!is_null(w, 5)) { EXPECT(isfinite(health.innovation) || status != KOOP_OK, "innovation"); }
+	EXPECT(all_finite(w->gate.last_good, rls->n_regressors * rls->n_lifted_padded), "last good model");
+	EXPECT(all_finite(w->gate.usual, N), "usual innovations");
+	EXPECT(isfinite(w->gate.strain), "strain %g", (double)w->gate.strain);
+}
+
 /* ---- The rest
  * ------------------------------------------------------------------------------------------------ */
 
@@ -670,6 +713,7 @@ void begin_sound(world *w) {
 	call_set_theta(w);
 	call_guard_init(w);
 	call_lowpass_init(w);
+	call_gate_init(w);
 	EXPECT(w->rls.theta || w->rls.config.form == NULL, "sound settings are refused");
 }
 
@@ -679,6 +723,7 @@ void call(world *w) {
 	    call_refused,   call_set_theta,        call_copy_theta,    call_get,          call_model,
 	    call_threshold, call_reset_covariance, call_lowpass_step,  call_lowpass_init, call_mpc_read,
 	    call_init,      call_status_message,   call_lift,          call_mpc_init,     call_guard_init,
+	    call_gate_init, call_gate_update,
 	};
 	/* what is called in every cycle of a robot more often than the rest, and now and then again with the same
 	 * data */

@@ -28,9 +28,10 @@ typedef struct {
 	KOOP(mpc) mpc;
 	KOOP(guard) guard;
 	KOOP(lowpass) lowpass;
+	KOOP(gate) gate;
 } world;
 
-/* Makes the estimator, the controller, the guard and the filter of a sound world. */
+/* Makes the estimator, the controller, the guard, the gate and the filter of a sound world. */
 void begin_sound(world *w);
 /* One call, chosen and filled by the bytes. */
 void call(world *w);

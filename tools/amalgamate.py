@@ -49,8 +49,8 @@ ABOUT = """\
  * Made by tools/amalgamate.py from lib/ (SHA-256 of its files {digest}); change it there.
  * Licence: MIT, see the end of {name}.h.
  *
- * Use: compile {name}.c, as C99 or as C++11, and include {name}.h. It needs libm, and
- * memcpy, memset, memcmp and strlen, nothing else. With -ffunction-sections
+ * Use: compile {name}.c, as C99 or as C++11, and include {name}.h. It needs sqrt and fabs
+ * of libm, and memcpy, memset, memcmp and strlen, nothing else. With -ffunction-sections
  * -fdata-sections and the linker's --gc-sections only what you call takes flash.
  * Not with -ffast-math or -ffinite-math-only: NaN would no longer be seen.
  *

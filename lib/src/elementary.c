@@ -6,8 +6,8 @@
 
 #include <string.h>
 
-/* ln 2 and pi / 2 in parts, all but the last so short that k times one is exact: for every k of an exponent,
- * and for quarter turns up to 10^4 rad in float, 10^6 rad in double. */
+/* ln 2 and pi / 2 cut into parts, all but the last so short that k times one is exact: for every k of an
+ * exponent, and for quarter turns up to 10^4 rad in float, 10^6 rad in double. */
 #if REAL_DIGITS == 24
 #define REAL_BITS uint32_t
 #define EXP_TERMS 6
@@ -15,7 +15,7 @@
 #define LN2 (real)0.693145751953125, (real)1.4286068203094172e-6
 #define QUARTER_TURN                                                                                         \
 	(real)1.5703125, (real)4.8375129699707031e-4, (real)7.5495336204767227e-8, (real)2.5633441515945189e-12
-#define QUARTER_TURN_REST (real) - 4.3711390001862428e-8 /* pi / 2 less the real next to it */
+#define QUARTER_TURN_REST -(real)4.3711390001862428e-8 /* pi / 2 less the real next to it */
 #else
 #define REAL_BITS uint64_t
 #define EXP_TERMS 12
@@ -55,8 +55,8 @@ static INLINE real exp_parts(real value, real *high, real *low) {
 	static const real ln2[] = {LN2};
 	const real most = REAL_BIAS * ln2[0], x = value < most ? value : most;
 	const int32_t k = (int32_t)(x * (real)1.4426950408889634 + (real)0.5);
-	const REAL_BITS bits = (REAL_BITS)(REAL_BIAS - k)
-	                       << (REAL_DIGITS - 1); /* 0 for the largest k, as 0.0's */
+	/* for the largest k the bits of 0 */
+	const REAL_BITS bits = (REAL_BITS)(REAL_BIAS - k) << (REAL_DIGITS - 1);
 	real scale;
 	memcpy(&scale, &bits, sizeof scale);
 	*high = (real)k * ln2[0] - x;

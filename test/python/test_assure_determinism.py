@@ -92,6 +92,33 @@ def test_reads_errors_of_the_elementary_functions():
         determinism.read_errors("")
 
 
+class Printing(determinism.Build):
+    """A build whose name is what its programs print."""
+
+    def parts(self):
+        return determinism.read_parts(self.name)
+
+
+@pytest.mark.parametrize(
+    "second, ulp, told",
+    [
+        (PRINTED, 0.9, None),
+        (PRINTED.replace("4567", "4568"), 0.9, "other bits"),
+        (PRINTED, 1.1, "off by 1.1 ulp"),
+        (PRINTED, math.nan, "ulp"),
+    ],
+)
+def test_what_does_not_hold_is_said_after_the_results_are_written(second, ulp, told, tmp_path, monkeypatch):
+    monkeypatch.setattr(determinism, "builds", lambda missing: [Printing(PRINTED, "gcc", ()), Printing(second + " ", "gcc", ())])
+    monkeypatch.setattr(determinism, "accuracy", lambda precision: determinism.read_errors(f"error {precision} sine 0 1 {ulp} 2.5\n"))
+    if told:
+        with pytest.raises(UserError, match=told):
+            determinism.run(tmp_path)
+    else:
+        determinism.run(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"determinism.json", "elementary.json"}
+
+
 def test_one_build_against_itself_without_vectors(tmp_path, monkeypatch):
     """The promise itself, on the two builds that differ most on one machine."""
     monkeypatch.setattr(determinism, "BUILD", tmp_path)

@@ -102,4 +102,4 @@ def run(lifted, states, inputs, horizon, precision, target):
         counts = [instructions(rows[level], lifted, states, inputs, horizon) for level in LEVELS]
         for what in counts[0]:
             table.append([f"{what}, instructions, about", *[_significant(c[what]) for c in counts]])
-    print_table(f"{target}, float32", ["", *[f"-{level}" for level in LEVELS]], table, "And libm, and your dictionary.")
+    print_table(f"{target}, float32", ["", *[f"-{level}" for level in LEVELS]], table, "And your dictionary.")

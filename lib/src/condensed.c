@@ -95,7 +95,7 @@ static real *markov_row(const KOOP(mpc) *mpc, size_t i, size_t j) {
 /* sum + rest = sum + rest + a x, with `rest` for what rounding takes away: Dekker's
  * product and Knuth's sum. */
 static void add_product(real *sum, real *rest, real a, real x) {
-#if SPLIT
+#if SPLIT > 0
 	const real split_a = SPLIT * a, split_x = SPLIT * x, product = a * x;
 	const real a1 = split_a - (split_a - a), a2 = a - a1;
 	const real x1 = split_x - (split_x - x), x2 = x - x1;

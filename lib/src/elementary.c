@@ -58,7 +58,7 @@ static INLINE real exp_parts(real value, real *high, real *low) {
 	/* for the largest k the bits of 0 */
 	const REAL_BITS bits = (REAL_BITS)(REAL_BIAS - k) << (REAL_DIGITS - 1);
 	real scale;
-	memcpy(&scale, &bits, sizeof scale);
+	(void)memcpy(&scale, &bits, sizeof scale);
 	*high = (real)k * ln2[0] - x;
 	*low = (real)k * ln2[1];
 	return scale;
@@ -117,7 +117,7 @@ static void sine_cosine(KOOP(angle) *angle, real *out) {
 	const real cosine_low = ((1 - most) - half) + (square * square * of_cosine - x * low);
 	const real sine = x + sine_low, cosine = most + cosine_low;
 	angle->low += sine * ((most - cosine) + cosine_low) - cosine * ((x - sine) + sine_low);
-	const int odd = angle->quarters & 1;
+	const int odd = (angle->quarters & 1) != 0;
 	out[0] = odd ? cosine : sine;
 	out[1] = odd ? sine : cosine;
 	if (angle->quarters & 2) { out[0] = -out[0]; }

@@ -44,7 +44,7 @@ COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, cons
 	if (status != KOOP_OK) { return status; }
 	if (reals < KOOP_GATE_REALS(rls->n_lifted, rls->config.n_inputs)) { return KOOP_E_STORAGE; }
 
-	memset(gate, 0, sizeof *gate);
+	(void)memset(gate, 0, sizeof *gate);
 	gate->n_lifted = rls->n_lifted;
 	gate->n_regressors = rls->n_regressors;
 	gate_configure(gate, config);
@@ -74,8 +74,8 @@ static COLD void gate_widen(KOOP(gate) *gate, const real *error) {
 static COLD void gate_restart(KOOP(gate) *gate, KOOP(rls) *rls) {
 	if (gate->vain) { gate_widen(gate, rls->error); }
 	gate->vain = 1; /* until a model has been good for a while */
-	KOOP(rls_copy_theta)(rls, gate->last_good);
-	KOOP(rls_reset_covariance)(rls, rls->config.p0);
+	(void)KOOP(rls_copy_theta)(rls, gate->last_good);
+	(void)KOOP(rls_reset_covariance)(rls, rls->config.p0);
 	gate_begin_trial(gate);
 	gate->restarts++;
 }
@@ -107,7 +107,8 @@ static void gate_judge(KOOP(gate) *gate, const real *error) {
 	}
 	const real mean = sum / (real)gate->n_lifted;
 	const real seen = mean < most ? mean : most; /* NaN and Inf too */
-	gate->strain += (seen - gate->strain) / (real)(gate->config.patience / 2 + 1);
+	const size_t samples = gate->config.patience / 2 + 1;
+	gate->strain += (seen - gate->strain) / (real)samples;
 }
 
 static void gate_count_sound(KOOP(gate) *gate, const KOOP(rls) *rls) {

@@ -5,6 +5,7 @@ What they may say is in test/static/, each with its reason; what they say beyond
 
 import itertools
 import re
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from ..results import output_folder, print_table, progress, write_json
 ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"
 FOLDER = ROOT / "test/static"
+BUILD = ROOT / "build/static"
 DEVIATIONS = FOLDER / "deviations.txt"
 UNITS = ("koopf.c", "koopd.c", "koopf_guard.c", "koopd_guard.c")
 INCLUDE = f"-I{LIB / 'include'}"
@@ -65,8 +67,18 @@ def cppcheck(unit, vectors):
     options = "--std=c99 --enable=all --inconclusive --addon=misra --quiet".split()
     hidden = ("missingIncludeSystem", "unusedFunction", "unmatchedSuppression")  # the public functions are for the caller
     template = "--template={id} {file}:{line} {message}"
+    scratch = BUILD / f"{unit}-{vectors}"  # else the addon writes beside the source
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.mkdir(parents=True)
     text = run_command(
-        "cppcheck", *options, *[f"--suppress={name}" for name in hidden], template, INCLUDE, f"-DKOOP_VECTORS={vectors}", LIB / unit
+        "cppcheck",
+        *options,
+        f"--cppcheck-build-dir={scratch}",
+        *[f"--suppress={name}" for name in hidden],
+        template,
+        INCLUDE,
+        f"-DKOOP_VECTORS={vectors}",
+        LIB / unit,
     )
     lines = [line for line in text.splitlines() if line.strip()]
     return [re.sub(r"^misra-c2012-(\S+) (\S+) .*", r"misra \1 \2", line) for line in lines]
@@ -126,7 +138,9 @@ def read_deviations(text):
     for line in lines:
         what, colon, reason = line.partition(": ")
         if not colon or not reason.strip():
-            raise UserError(f"{DEVIATIONS}: '{line}' gives no reason; write 'misra RULE: reason', 'eva FILE ASSERTION: reason' or 'CHECK: reason'")
+            raise UserError(
+                f"{DEVIATIONS}: '{line}' gives no reason; write 'misra RULE: reason', 'eva FILE ASSERTION: reason' or 'CHECK: reason'"
+            )
         deviations[what] = reason
     return deviations
 

@@ -322,7 +322,6 @@ static void test_prediction_beyond_range(void) {
 		p.psi[0] = 0;
 		p.reference[0] = REAL_MAX;
 		p.reference[1] = -REAL_MAX;
-		CHECK_STATUS(KOOP_OK, KOOP(mpc_reset)(&mpc));
 		p.Q[0] = 20; /* the errors fit, what they cost does not */
 		check_refused(&p, KOOP_E_OVERFLOW);
 	}

@@ -320,6 +320,7 @@ static void test_covariance_that_outgrows_the_range(void) {
 		}
 		CHECK_STATUS(KOOP_E_OVERFLOW, status);
 		check_refused(KOOP_E_OVERFLOW, 0);
+		for (size_t i = 0; i < KOOP_TRIANGLE(D); i++) { TEST_ASSERT_TRUE(isfinite(seen.rls.covariance[i])); }
 		CHECK_STATUS(all_forms[f] == &KOOP(form_sqrt) ? KOOP_E_OVERFLOW : KOOP_OK,
 		             KOOP(rls_get_covariance)(&seen.rls, covariance));
 	}

@@ -79,7 +79,7 @@ static int have_factor(KOOP(mpc) *mpc) {
  * inside the box. */
 static int find_way(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	for (size_t k = 0; k <= V; k++) {
+	for (size_t k = 0; k <= V; k++) { /* never: ends before, as each round holds one input more at least */
 		const int status = have_factor(mpc);
 		if (status != KOOP_OK) { return status; }
 		(void)try_newton(mpc, 0);

@@ -310,6 +310,30 @@ static void test_overflow_that_keeps_coming_back(void) {
 	}
 	TEST_ASSERT_EQUAL_size_t(0, gate.trial);
 	CHECK(error_on(1) < NOISE, "%g", error_on(1));
+
+	/* the second restart is one in vain; innovations whose squares are beyond range do not become usual */
+	real usual[N];
+	memcpy(usual, gate.usual, sizeof usual);
+	for (int k = 0; k < PATIENCE; k++) { CHECK_STATUS(KOOP_E_OVERFLOW, gated(zeta, psi_next, NULL)); }
+	TEST_ASSERT_EQUAL_size_t(2, gate.restarts);
+	for (int i = 0; i < N; i++) {
+		CHECK(gate.usual[i] <= 4 * usual[i], "usual[%d] = %g", i, (double)gate.usual[i]);
+	}
+}
+
+/* Nothing is known yet, and nothing can be learned for long: it learns all the same once it can. */
+static void test_overflow_from_the_start(void) {
+	start(&KOOP(reg_ef), &KOOP(form_plain), NULL);
+	real zeta[D] = {0};
+	const real psi_next[N] = {0};
+	zeta[0] = REAL_MAX / 4;
+	for (int k = 0; k < 2 * (TRIAL + PATIENCE); k++) {
+		CHECK_STATUS(KOOP_E_OVERFLOW, gated(zeta, psi_next, NULL));
+	}
+	TEST_ASSERT_EQUAL_size_t(2, gate.restarts);
+	drive(1, NOISE, 30 * (PATIENCE + TRIAL));
+	TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 100));
+	CHECK(error_on(1) < NOISE, "%g", error_on(1));
 }
 
 /* Vanilla forgetting at rest ends here: the plain form's P would be lost, every sample refused for good. */
@@ -424,6 +448,7 @@ int main(void) {
 	RUN_TEST(test_floor);
 	RUN_TEST(test_lost_sensor_is_no_reason);
 	RUN_TEST(test_overflow_that_keeps_coming_back);
+	RUN_TEST(test_overflow_from_the_start);
 	RUN_TEST(test_windup_is_cured);
 	RUN_TEST(test_wild_samples);
 	RUN_TEST(test_settings);

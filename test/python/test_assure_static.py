@@ -13,7 +13,7 @@ LOG = """[eva:alarm] lib/src/threshold.c:35: Warning:
 
 
 def test_reads_alarms_on_one_line_or_two():
-    assert static.read_eva(LOG) == ["eva threshold.c \\is_finite(h)", "eva vector.c \\valid(y + 0)"]
+    assert static.read_eva(LOG) == ["eva threshold.c is_finite", "eva vector.c valid"]
 
 
 def test_an_analysis_without_alarms_has_none():

@@ -20,6 +20,7 @@ from ..results import number, output_folder, print_table, progress, write_json
 ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"
 BUILD = ROOT / "build/coverage"
+TESTS = ROOT / "test/c"
 
 KERNELS = {"vectors": 1, "scalar": 0}  # KOOP_VECTORS
 PRECISIONS = ("koopf", "koopd")
@@ -150,11 +151,13 @@ def build_and_test(kernel):
     flags = f"{FLAGS} -DKOOP_VECTORS={KERNELS[kernel]}"
     options = ["-DCMAKE_C_COMPILER=clang-19", "-DCMAKE_BUILD_TYPE=None", "-DTINYKOOP_TESTS=ON", "-DTINYKOOP_HOST=OFF"]
     run_command("cmake", "-S", ROOT, "-B", folder, f"-DCMAKE_C_FLAGS={flags}", *options)
-    said = run_command("cmake", "--build", folder, "-j", jobs)
+    programs = [f"{path.stem}_{precision}" for path in TESTS.glob("test_*.c") for precision in PRECISIONS]
+    said = run_command("cmake", "--build", folder, "-j", jobs, "--target", *programs)
     if refused := [line for line in said.splitlines() if "unsupported MC/DC" in line]:
         raise UserError("\n".join(refused))
     environment = os.environ | {"LLVM_PROFILE_FILE": str(folder / "profile/%p.profraw")}
-    run_command("ctest", "--test-dir", folder, "--output-on-failure", "-j", jobs, env=environment)
+    tests = "|".join(name.removeprefix("test_") for name in programs)
+    run_command("ctest", "--test-dir", folder, "--output-on-failure", "-j", jobs, "-R", f"^({tests})$", env=environment)
     run_command("llvm-profdata-19", "merge", "-sparse", *folder.glob("profile/*.profraw"), "-o", folder / "all.profdata")
     return folder
 

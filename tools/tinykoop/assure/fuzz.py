@@ -136,7 +136,7 @@ def renew():
         for folder in (fresh, committed, gathered):
             folder.mkdir(parents=True, exist_ok=True)
         for target in [target for target, shared in TARGETS.items() if shared == corpus]:
-            text = call(target, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", fresh, committed, gathered, timeout=3600)
+            text = call(target, "-set_cover_merge=1", "-use_counters=0", f"-max_len={LONGEST}", fresh, committed, gathered, timeout=3600)
             if found := finding(text):
                 raise UserError(complaint(target, found, program(target)))
         for path in committed.iterdir():

@@ -103,7 +103,7 @@ static void go_along(KOOP(mpc) *mpc, int leaving, real *curvature, int *goes_on)
 
 /* The residual at the plan. While the steps go on, by the gradient that they have updated, and
  * only where that is `due` or says that all is done by a new one; returns whether it then was. */
-static int look(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int goes_on, int due) {
+static int see_residual(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int goes_on, int due) {
 	if (goes_on) {
 		result->residual = kkt_residual(mpc, mpc->plan, mpc->gradient);
 		if (result->residual > mpc->config.tolerance && !due) { return 0; }
@@ -128,7 +128,7 @@ OUT_OF_LINE static void descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *resu
 	     k++, result->iterations++) {
 		const int leaving = !goes_on && begin_way(mpc);
 		go_along(mpc, leaving, &curvature, &goes_on);
-		const int settled = look(mpc, result, goes_on, k % MPC_REFRESH == 0);
+		const int settled = see_residual(mpc, result, goes_on, k % MPC_REFRESH == 0);
 		if (settled && stalls(mpc, result->residual, &last)) { break; }
 		goes_on = goes_on && !settled && continue_way(mpc, curvature);
 	}

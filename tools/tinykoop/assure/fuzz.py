@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from ..command import need
@@ -107,11 +108,11 @@ def run(out, seconds):
         raise UserError(f"--seconds {seconds:g}: must be above 0")
     out = output_folder(out)
     build()
-    rows, complaints = [], []
-    for target in progress(list(TARGETS), "fuzzing"):
-        row, found = fuzz(target, seconds)
-        rows.append(row)
-        complaints += [complaint(target, found, program(target))] if found else []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        runs = [(target, pool.submit(fuzz, target, seconds)) for target in TARGETS]
+        done = [(target, *run.result()) for target, run in progress(runs, "fuzzing")]
+    rows = [row for _, row, _ in done]
+    complaints = [complaint(target, found, program(target)) for target, _, found in done if found]
     write_json(out / "fuzz.json", rows)
     print_table(f"Fuzzing, {seconds:g} s each", ["target", "executions", "findings"], [list(row.values()) for row in rows])
     if complaints:

@@ -1,5 +1,6 @@
 """The tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind."""
 
+import json
 import os
 import subprocess
 import sys
@@ -34,12 +35,9 @@ def build(name, flags, *options):
 
 
 def c_tests(folder):
-    """{name: path} of the C tests' programs."""
-    return {
-        path.name.removeprefix("test_"): path
-        for path in sorted(folder.glob("test/**/*_koop[fd]"))
-        if os.access(path, os.X_OK) and path.is_file()
-    }
+    """{name: command} of the C tests."""
+    tests = json.loads(run_command("ctest", "--test-dir", folder, "--show-only=json-v1"))["tests"]
+    return {test["name"]: test["command"] for test in tests}
 
 
 def attempt(name, *command, timeout=1800, **options):
@@ -62,7 +60,7 @@ def attempt_all(commands):
 
 def address_c():
     programs = c_tests(build("address", ADDRESS, "-DTINYKOOP_TESTS=ON", "-DTINYKOOP_HOST=OFF"))
-    return len(programs), attempt_all({name: [path] for name, path in programs.items()})
+    return len(programs), attempt_all(programs)
 
 
 def preloaded():
@@ -90,15 +88,15 @@ def address_python():
 
 def thread_c():
     programs = c_tests(build("thread", THREAD, "-DTINYKOOP_TESTS=ON", "-DTINYKOOP_HOST=OFF"))
-    programs = {name: path for name, path in programs.items() if name.startswith("threads_")}
-    return len(programs), attempt_all({name: [path] for name, path in programs.items()})
+    programs = {name: command for name, command in programs.items() if name.startswith("threads_")}
+    return len(programs), attempt_all(programs)
 
 
 def valgrind_c():
     programs = c_tests(ROOT / "build/test")
-    programs = {name: path for name, path in programs.items() if name.rsplit("_", 1)[0] not in NO_VALGRIND}
+    programs = {name: command for name, command in programs.items() if name.rsplit("_", 1)[0] not in NO_VALGRIND}
     valgrind = ["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full"]
-    return len(programs), attempt_all({name: [*valgrind, path] for name, path in programs.items()})
+    return len(programs), attempt_all({name: [*valgrind, *command] for name, command in programs.items()})
 
 
 CHECKS = {

@@ -192,7 +192,7 @@ def foreign_names(symbols):
 
 
 def stack(tree):
-    """{public function: bytes, with all that it may call except libm}; refuses recursion."""
+    """{public function: bytes, with all that it may call}; refuses recursion."""
     graph = tree.object.with_suffix(".ci").read_text()
     tables = callgraph.held_in_tables(tree.tool("objdump", "-r", tree.object))
     if name := callgraph.cycle(callgraph.calls(graph, tables)):
@@ -375,7 +375,7 @@ def markdown(rows):
     parts = [
         _markdown("Bytes of code, koopf.c", ["", "everything", "lift and update only", "data", "bss"], code),
         _markdown("Bytes of the caller's RAM", ["", "learner, square root", "controller"], memory),
-        _markdown("Bytes of stack, libm left out", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
+        _markdown("Bytes of stack", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
         *[_instructions_table(rows, level) for level in LEVELS],
     ]
     return "\n".join(parts)

@@ -148,15 +148,15 @@ def test_a_killed_installation_is_not_taken_for_ready(tmp_path):
     (tmp_path / "tools").mkdir()
     for name in ("requirements.txt", "pyproject.toml"):
         (tmp_path / "tools" / name).touch()
-    stub = tmp_path / "python"
-    stub.write_text(f"""#!/bin/sh
+    interpreter = tmp_path / "python"
+    interpreter.write_text(f"""#!/bin/sh
 test "$1" = -c && exit 0
 mkdir -p "$3/bin" && cp {tmp_path}/pip "$3/bin/pip"
 """)
     (tmp_path / "pip").write_text("#!/bin/sh\nkill -9 $$\n")
-    stub.chmod(0o755)
+    interpreter.chmod(0o755)
     (tmp_path / "pip").chmod(0o755)
-    make = ["make", "-s", f"PYTHON={stub}", "build/venv/ready"]
+    make = ["make", "-s", f"PYTHON={interpreter}", "build/venv/ready"]
     assert subprocess.run(make, cwd=tmp_path, capture_output=True).returncode != 0
     assert not (tmp_path / "build/venv/ready").exists()
     (tmp_path / "build/venv/left-over").touch()

@@ -52,8 +52,7 @@ void tk_log_free(tk_log *log) {
 	free(log);
 }
 
-/* Numbers have a point, whatever the locale of the program. In this thread it is set aside; null: it cannot
- * be. */
+/* Numbers have a point, whatever the program's locale, which this thread sets aside. Null: it cannot. */
 static locale_t set_locale_aside(void) {
 	const locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
 	if (!plain) { fail("out of memory"); }

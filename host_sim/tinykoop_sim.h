@@ -266,8 +266,9 @@ TK_API int tk_controller_reset(tk_controller *controller);
 TK_API int tk_controller_solve(tk_controller *controller, const double *theta, const double *psi,
                                const double *reference, double *plan, tk_solution *solution);
 
-/* The library's low-pass in this precision (32 or 64) over x (rows x n), sampled at `rate` (Hz), into y. Begins
- * anew after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN. */
+/* The library's low-pass in this precision (32 or 64) over x (rows x n), sampled at `rate` (Hz), into y.
+ * Begins anew after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN.
+ */
 TK_API int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,
                       const int32_t *usable, double *y);
 
@@ -295,7 +296,7 @@ TK_API int tk_log_write(const char *path, const char *platform, size_t rows, dou
 /* Numbers of reals, for N lifted states of which n are the state itself, m inputs
  * and a horizon of H steps: the macros of tinykoop.h and tinykoop_guard.h. */
 typedef struct tk_storage {
-	size_t learner_sqrt, learner_plain;
+	size_t learner_sqrt, learner_plain, gate;
 	size_t mpc_newton, mpc_gradient, mpc_rate; /* mpc_rate: on top, with an input-rate penalty */
 	size_t guard;
 	size_t model; /* Theta, as stored for firmware, without its header */

@@ -196,7 +196,7 @@ typedef struct KOOP(gate_config) {
 	/* No usual innovation is taken to be smaller (0). Set it where the robot comes to rest: what is usual
 	 * shrinks there, and the first samples that move it again would be refused. */
 	KOOP_REAL floor;
-	/* Samples that are refused, then twice as many are taken on trial; at least 3 d (4 d). */
+	/* Samples that are refused, then twice as many are taken on trial (4 d). Below 3 d they make no model. */
 	size_t patience;
 } KOOP(gate_config);
 

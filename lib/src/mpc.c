@@ -230,8 +230,7 @@ static COLD int mpc_config_check(const KOOP(mpc_config) *c) {
 	return weights_are_finite(c) ? mpc_settings_check(c) : KOOP_E_INPUT;
 }
 
-/* Column k of L, on the largest element of the diagonal that is left; returns whether that is above `least`.
- */
+/* Column k of L, on the largest element of the diagonal that is left, if that is above `least`. */
 static COLD int cholesky_column(real *L, const real *M, size_t n, size_t k, real least) {
 	size_t pivot = n;
 	for (size_t i = 0; i < n; i++) {

@@ -242,7 +242,7 @@ static void run_faulty(learner *l, const episode *e, const fault *f, random_sour
 
 /* ---- Set-up -------------------------------------------------------------------------------- */
 
-/* Threshold of the dead zones, and floor of the gate: three quarters of the innovations of a model that has
+/* Threshold of the dead zones: three quarters of the innovations of a model that has
  * been learned are smaller (paper, remark "Dead-Zone Threshold Selection"). */
 static real calibrated(const KOOP(config) *config, const plant *robot, random_source random) {
 	static learner l;

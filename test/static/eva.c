@@ -71,6 +71,20 @@ static void run(void) {
 	for (int status = KOOP_E_MODEL - 4; status <= 2; status++) { koopf_status_message(status); }
 }
 #elif defined(LEARNER)
+static void run_gate(void) {
+	static float storage[KOOP_GATE_REALS(LIFTED, INPUTS)];
+	const koopf_gate_config c = {any_float, any_float, (size_t)any_int};
+	koopf_gate gate;
+	koopf_health health;
+	const size_t reals = KOOP_GATE_REALS(LIFTED, INPUTS);
+	if (koopf_gate_init(&gate, any_int ? &c : NULL, &rls, storage, reals) != KOOP_OK) { return; }
+	for (int k = 0; k < 2; k++) {
+		new_sample();
+		gate.trial = any_int ? 0 : gate.trial; /* as after more samples than can be gone through here */
+		koopf_gate_update(&gate, &rls, psi, u, psi_next, any_int ? &health : NULL);
+	}
+}
+
 static void run(void) {
 	static float flat[LIFTED * (LIFTED + INPUTS)], P[(LIFTED + INPUTS) * (LIFTED + INPUTS)],
 	    channels[2 * LIFTED], scores[3], delta;
@@ -102,6 +116,7 @@ static void run(void) {
 		koopf_lowpass_step(&filter, psi, psi_next);
 		koopf_lowpass_reset(&filter);
 	}
+	run_gate();
 }
 #else
 static float reference[HORIZON * STATES], plan[HORIZON * INPUTS], G[STATES * INPUTS];

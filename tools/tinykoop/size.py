@@ -84,13 +84,14 @@ def run(lifted, states, inputs, horizon, precision, target):
         [
             ["learner, square root", f"{size * reals['learner_sqrt']:,}", f"KOOP_RLS_REALS_SQRT{pair}"],
             ["learner, plain, at most", f"{size * reals['learner_plain']:,}", f"KOOP_RLS_REALS_PLAIN{pair}"],
+            ["gate", f"{size * reals['gate']:,}", f"KOOP_GATE_REALS{pair}"],
             ["controller, Newton", f"{size * reals['mpc_newton']:,}", f"KOOP_MPC_REALS_NEWTON{quad}"],
             ["controller, gradient", f"{size * reals['mpc_gradient']:,}", f"KOOP_MPC_REALS_GRADIENT{quad}"],
             ["  with a rate penalty", f"+ {size * reals['mpc_rate']:,}", f"KOOP_MPC_REALS_RATE({inputs}, {horizon})"],
             ["guard", f"{size * reals['guard']:,}", f"KOOP_GUARD_REALS{quad}"],
             ["offline model, in flash", f"{size * reals['model'] + MODEL_HEADER:,}", ""],
         ],
-        f"And {k}_rls, {k}_mpc, {k}_guard: about 100 bytes each.",
+        f"And {k}_rls, {k}_gate, {k}_mpc, {k}_guard: about 100 bytes each.",
     )
     table = []
     large = [rows[level][-1] for level in LEVELS]

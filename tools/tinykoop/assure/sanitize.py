@@ -93,7 +93,7 @@ def thread_c():
 
 
 def valgrind_c():
-    programs = c_tests(ROOT / "build/test")
+    programs = c_tests(build("plain", "-g -O1", "-DTINYKOOP_TESTS=ON", "-DTINYKOOP_HOST=OFF"))
     programs = {name: command for name, command in programs.items() if name.rsplit("_", 1)[0] not in NO_VALGRIND}
     valgrind = ["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full"]
     return len(programs), attempt_all({name: [*valgrind, *command] for name, command in programs.items()})

@@ -196,38 +196,44 @@ typedef struct KOOP(gate_config) {
 	/* No usual innovation is taken to be smaller (0). Set it where the robot comes to rest: what is usual
 	 * shrinks there, and the first samples that move it again would be refused. */
 	KOOP_REAL floor;
-	/* Samples that are refused, then twice as many are taken on trial (4 d). Below 3 d they make no model. */
+	/* Outliers refused, less samples taken since, until samples are taken again (10). */
 	size_t patience;
+	/* Samples until a change is believed (1000): a fault that is over by then leaves no trace. */
+	size_t hold;
 } KOOP(gate_config);
 
-/* Keeps a learner from what cannot be: a spike, a stuck or lost sensor, rows that are
- * mixed up. Refuses outliers, and where it would have to refuse for long, or where
- * innovations together are too large, gives the model up instead: Theta becomes the
- * last good one, P p0 I, and samples are taken on trial, so that a robot that has
- * really changed is learned again. Check the range of the sensors before, and lift
- * nothing that is outside. The caller owns it and its storage. To read: strain, restarts. */
+/* Keeps a learner from what cannot be: a spike, a stuck or lost sensor, rows that are mixed up.
+ * Outliers are refused while they are few. When they are many the learner follows them, as it
+ * must if the robot has changed; but what it knew before is kept, and comes back when it
+ * predicts better than what was learned since.
+ *
+ * Check the range of the sensors before, and lift nothing that is outside. The caller owns it
+ * and its storage. To read: refused, restored. */
 typedef struct KOOP(gate) {
 	KOOP(gate_config) config;
-	KOOP_REAL *last_good; /* as rls.theta */
-	KOOP_REAL *usual;     /* mean square of each innovation, N */
 	size_t n_lifted, n_regressors;
-	size_t known;     /* samples that `usual` is the mean of */
-	KOOP_REAL strain; /* mean square of the innovations over the usual ones */
-	size_t refused;   /* samples refused, less those taken since */
-	size_t trial;     /* samples still to be taken whatever they say */
-	size_t sound;     /* samples taken in a row */
-	int vain;         /* no model has been good since the last restart */
-	size_t restarts;  /* how often the learner was started again */
+	KOOP_REAL *saved;       /* as rls.theta */
+	KOOP_REAL *usual;       /* mean square of each innovation while all is well, N */
+	KOOP_REAL *recent;      /* mean square of each innovation lately, N */
+	size_t early;           /* samples until `usual` is learned */
+	size_t known;           /* samples that it is the mean of */
+	size_t refused;         /* outliers, less samples taken since */
+	size_t open;            /* samples still to be taken whatever they say */
+	size_t judged, failed;  /* samples compared; those of them that could not be learned */
+	KOOP_REAL strain;       /* sum of the learner's squared innovations over the usual ones */
+	KOOP_REAL saved_strain; /* the same, of what is saved */
+	size_t doubted;         /* samples since what is saved predicted as usual */
+	size_t restored;        /* how often it came back */
 } KOOP(gate);
 
-/* For an estimator that is initialised, after a model is loaded. `config` may be
- * null. Storage: KOOP_GATE_REALS. It begins with a trial, from which it learns what is usual. */
+/* For an estimator that is initialised, after a model is loaded. `config` may be null.
+ * Storage: KOOP_GATE_REALS. It takes all of the first samples, from which it learns what is usual. */
 int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                     KOOP_REAL *storage, size_t reals);
 
-/* rls_update() in its place, with its arguments and status, or KOOP_E_OUTLIER: Theta and
- * P stay as they were, but that a refusal may be the one that starts the learner again.
- * Also does so where KOOP_E_INDEFINITE or KOOP_E_OVERFLOW keeps coming back. */
+/* rls_update() in its place, with its arguments and status, or KOOP_E_OUTLIER: Theta and P
+ * stay as they were, but that any sample may be the one that brings back what was known before.
+ * Where KOOP_E_INDEFINITE or KOOP_E_OVERFLOW keeps coming back, that is so too, and P is p0 I. */
 int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u,
                       const KOOP_REAL *psi_next, KOOP(health) *health);
 

@@ -622,8 +622,8 @@ static void call_guard_update(world *w) {
 	                                      GIVEN(4, psi_next), GIVEN(5, &health));
 	expect_status(w, status, 5);
 	const int began_again = w->guard.resets != resets;
-	EXPECT(!began_again || w->guard.resets == resets + 1, "%zu resets after %zu", w->guard.resets, resets);
-	if (status != KOOP_OK && !began_again) { learned_expect(&before, rls, "refused guard_update()"); }
+	EXPECT(!came_back || w->guard.resets == resets + 1, "%zu resets after %zu", w->guard.resets, resets);
+	if (status != KOOP_OK && !came_back) { learned_expect(&before, rls, "refused guard_update()"); }
 	if (status != KOOP_E_NULL && status != KOOP_E_SIZE && !is_null(w, 5)) {
 		check_health(rls, &health, status);
 	}
@@ -664,6 +664,7 @@ static void call_gate_init(world *w) {
 		c.multiple = w->arbitrary ? take_real(&w->in) : (real)(1 + take_byte(&w->in) / 16.0);
 		c.floor = w->arbitrary ? take_real(&w->in) : (real)(take_byte(&w->in) / 256.0);
 		c.patience = w->arbitrary ? take_size(&w->in) : 1 + take_below(&w->in, 8);
+		c.hold = w->arbitrary ? take_size(&w->in) : 1 + take_below(&w->in, 64);
 	}
 	const size_t needed = KOOP_GATE_REALS(rls->n_lifted, rls->config.n_inputs);
 	const size_t lacking = w->arbitrary && needed > 0 ? take_below(&w->in, 4) / 3 : 0;
@@ -680,21 +681,21 @@ static void call_gate_init(world *w) {
 
 static void call_gate_update(world *w) {
 	KOOP(rls) *rls = &w->rls;
-	const size_t N = rls->n_lifted, m = rls->config.n_inputs, restarts = w->gate.restarts;
+	const size_t N = rls->n_lifted, m = rls->config.n_inputs, restored = w->gate.restored;
 	const real *psi = new_reals(&w->in, N), *u = new_reals(&w->in, m), *psi_next = new_reals(&w->in, N);
 	const learned before = learned_take(rls);
 	KOOP(health) health;
 	const int status = KOOP(gate_update)(GIVEN(0, &w->gate), GIVEN(1, rls), GIVEN(2, psi), GIVEN(3, u),
 	                                     GIVEN(4, psi_next), GIVEN(5, &health));
 	expect_status(w, status, 5);
-	const int began_again = w->gate.restarts != restarts;
-	EXPECT(!began_again || w->gate.restarts == restarts + 1, "%zu after %zu", w->gate.restarts, restarts);
-	if (status != KOOP_OK && !began_again) { learned_expect(&before, rls, "refused gate_update()"); }
+	const int came_back = w->gate.restored != restored;
+	EXPECT(!came_back || w->gate.restored == restored + 1, "%zu after %zu", w->gate.restored, restored);
+	if (status != KOOP_OK && !came_back) { learned_expect(&before, rls, "refused gate_update()"); }
 	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return; }
 	if (!is_null(w, 5)) { EXPECT(isfinite(health.innovation) || status != KOOP_OK, "innovation"); }
-	EXPECT(all_finite(w->gate.last_good, rls->n_regressors * rls->n_lifted_padded), "last good model");
-	EXPECT(all_finite(w->gate.usual, N), "usual innovations");
-	EXPECT(isfinite(w->gate.strain), "strain %g", (double)w->gate.strain);
+	EXPECT(all_finite(w->gate.saved, rls->n_regressors * rls->n_lifted_padded), "saved model");
+	EXPECT(all_finite(w->gate.usual, N) && all_finite(w->gate.recent, N), "usual innovations");
+	EXPECT(isfinite(w->gate.strain) && isfinite(w->gate.saved_strain), "strain");
 }
 
 /* ---- The rest

@@ -266,14 +266,14 @@ static real calibrated(const KOOP(config) *config, const plant *robot, random_so
 static double memory_of(const learner *l) {
 	const KOOP(regulator) *regulator = l->rls.config.regulator;
 	const int keeps = regulator == &KOOP(reg_none) || regulator == &KOOP(reg_sift);
-	return keeps ? 2 * (double)l->gate.config.patience : 1 / (1 - (double)l->rls.config.lambda);
+	return keeps ? 2 * (4 * (double)l->rls.n_regressors) : 1 / (1 - (double)l->rls.config.lambda);
 }
 
 /* The stated number of steps. The gate holds on to what a fault has taught for four times its patience at
  * most: one to notice, one of refusals, a trial of two. Then it takes five times d samples for a model of d
  * regressors within a tenth of the best, and five memories for what was there before to be outvoted. */
 static size_t stated_limit(const learner *l) {
-	return 4 * l->gate.config.patience + 5 * (size_t)ceil(fmax((double)l->rls.n_regressors, memory_of(l)));
+	return 16 * l->rls.n_regressors + 5 * (size_t)ceil(fmax((double)l->rls.n_regressors, memory_of(l)));
 }
 
 static void print_line(const learner *l, const char *condition, const char *precision, size_t limit) {
@@ -289,7 +289,7 @@ static void print_line(const learner *l, const char *condition, const char *prec
 	}
 	printf("}, \"restarts\": %lu, \"non_finite_without_status\": %lu, \"lost\": %lu, \"episodes\": %lu, "
 	       "\"recovered\": %lu, \"steps_to_recover\": %lu, \"limit\": %lu, \"error_ratio\": ",
-	       (unsigned long)l->gate.restarts, l->unsound, l->lost, l->episodes, l->recoveries,
+	       (unsigned long)l->gate.restored, l->unsound, l->lost, l->episodes, l->recoveries,
 	       (unsigned long)l->worst_recovery, (unsigned long)limit);
 	printf(isfinite(l->worst_ratio) ? "%.6g}\n" : "null}\n", l->worst_ratio);
 }

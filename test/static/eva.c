@@ -73,14 +73,14 @@ static void run(void) {
 #elif defined(LEARNER)
 static void run_gate(void) {
 	static float storage[KOOP_GATE_REALS(LIFTED, INPUTS)];
-	const koopf_gate_config c = {any_float, any_float, (size_t)any_int};
+	const koopf_gate_config c = {any_float, any_float, (size_t)any_int, (size_t)any_int};
 	koopf_gate gate;
 	koopf_health health;
 	const size_t reals = KOOP_GATE_REALS(LIFTED, INPUTS);
 	if (koopf_gate_init(&gate, any_int ? &c : NULL, &rls, storage, reals) != KOOP_OK) { return; }
 	for (int k = 0; k < 2; k++) {
 		new_sample();
-		gate.trial = any_int ? 0 : gate.trial; /* as after more samples than can be gone through here */
+		gate.known = gate.judged = (size_t)any_int; /* as after more samples than can be gone through here */
 		koopf_gate_update(&gate, &rls, psi, u, psi_next, any_int ? &health : NULL);
 	}
 }

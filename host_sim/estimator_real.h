@@ -149,7 +149,9 @@ static const KOOP(form) *SIM(form)(const char *name) {
 
 typedef struct SIM(estimator) {
 	KOOP(rls) rls;
-	REAL *storage;
+	KOOP(gate) gate;
+	int gated;
+	REAL *storage, *gate_storage;
 	REAL *vectors;                    /* owns the following */
 	REAL *psi, *psi_next, *predicted; /* N each */
 	REAL *x, *u;                      /* n, m */
@@ -158,9 +160,16 @@ typedef struct SIM(estimator) {
 
 static void SIM(free)(SIM(estimator) * e) {
 	free(e->storage);
+	free(e->gate_storage);
 	free(e->vectors);
 	free(e->P);
 	free(e);
+}
+
+/* Of the model as it is now. */
+static void SIM(start_gate)(SIM(estimator) * e) {
+	const size_t reals = KOOP_GATE_REALS(e->rls.n_lifted, e->rls.config.n_inputs);
+	KOOP(gate_init)(&e->gate, NULL, &e->rls, e->gate_storage, reals);
 }
 
 static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
@@ -187,9 +196,10 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	if (!e) { return fail("out of memory"); }
 	const size_t N = config.dictionary->n_lifted, n = config.dictionary->n_states, m = config.n_inputs;
 	e->storage = calloc(reals, sizeof(REAL));
+	e->gate_storage = calloc(KOOP_GATE_REALS(N, m), sizeof(REAL));
 	e->vectors = calloc(3 * N + n + m, sizeof(REAL));
 	e->P = calloc((N + m) * (N + m), sizeof(double));
-	if (!e->storage || !e->vectors || !e->P) {
+	if (!e->storage || !e->gate_storage || !e->vectors || !e->P) {
 		SIM(free)(e);
 		return fail("out of memory");
 	}
@@ -203,6 +213,8 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 		SIM(free)(e);
 		return fail("estimator: %s", KOOP(status_message)(status));
 	}
+	e->gated = s->gate;
+	SIM(start_gate)(e);
 	*out = e;
 	return TK_OK;
 }
@@ -224,6 +236,7 @@ static int SIM(set_theta)(SIM(estimator) * e, const double *theta) {
 	for (size_t i = 0; i < count; i++) { row[i] = (REAL)theta[i]; }
 	const int status = KOOP(rls_set_theta)(&e->rls, row);
 	free(row);
+	SIM(start_gate)(e);
 	return status == KOOP_OK ? TK_OK : fail("theta: %s", KOOP(status_message)(status));
 }
 
@@ -315,6 +328,11 @@ static void SIM(record_prediction)(const SIM(estimator) * e, size_t k, int made,
 	}
 }
 
+static int SIM(learn)(SIM(estimator) * e, KOOP(health) *health) {
+	if (e->gated) { return KOOP(gate_update)(&e->gate, &e->rls, e->psi, e->u, e->psi_next, health); }
+	return KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, health);
+}
+
 static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const double *u,
                        const int32_t *usable, int learn, const tk_trace *trace) {
 	const size_t n = e->rls.config.dictionary->n_states, m = e->rls.config.n_inputs;
@@ -348,9 +366,7 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 			if (status == KOOP_OK) { status = KOOP(rls_predict)(&e->rls, e->psi, e->u, e->predicted); }
 			predicted = status == KOOP_OK;
 			learned = predicted && learn;
-			if (learned) {
-				status = KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, asks_health ? &health : NULL);
-			}
+			if (learned) { status = SIM(learn)(e, asks_health ? &health : NULL); }
 			REAL *swap = e->psi;
 			e->psi = e->psi_next;
 			e->psi_next = swap;

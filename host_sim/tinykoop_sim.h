@@ -150,6 +150,7 @@ typedef struct tk_settings {
 	int check;              /* KOOP_CHECK_... */
 	int n_inputs;
 	double lambda, p0, delta, tau0, eps_sift;
+	int gate; /* 1: replays learn through the gate, with its defaults */
 } tk_settings;
 
 typedef struct tk_estimator tk_estimator;

@@ -196,7 +196,7 @@ typedef struct KOOP(gate_config) {
 	/* No usual innovation is taken to be smaller (0). Set it where the robot comes to rest: what is usual
 	 * shrinks there, and the first samples that move it again would be refused. */
 	KOOP_REAL floor;
-	/* Outliers refused, less samples taken since, until samples are taken again (10). */
+	/* Outliers refused, less samples taken since, until samples are taken again (5). */
 	size_t patience;
 	/* Samples until a change is believed (1000): a fault that is over by then leaves no trace. */
 	size_t hold;

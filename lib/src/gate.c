@@ -91,7 +91,6 @@ static void gate_learn_usual(KOOP(gate) *gate, const real *error) {
 static void gate_learn_recent(KOOP(gate) *gate, const real *error) {
 	for (size_t i = 0; i < gate->n_lifted; i++) {
 		const real square = error[i] * error[i], most = gate_most(gate, i);
-		if (!is_finite(square)) { continue; }
 		const real seen = square < most ? square : max_of(most, REAL_EPSILON * square);
 		gate->recent[i] += (seen - gate->recent[i]) / (real)gate_window(gate);
 	}

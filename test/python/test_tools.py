@@ -120,10 +120,28 @@ def test_replay(noisy_log, tmp_path):
     status, error = tinykoop("replay", noisy_log, "--out", tmp_path)
     assert (status, error) == (0, "")
     rows = strict_json(tmp_path / "replay_drive.json")
-    by = {(r["method"], r.get("form"), r.get("precision")): r["mean_error"] for r in rows}
+    by = {(r["method"], r.get("form"), r.get("precision")): r["mean_error"] for r in rows if not r.get("gate")}
     assert by["RBF (SIFt)", "sqrt", "f64"] < by["unicycle", None, None] < by["state stays", None, None]
     assert math.isclose(by["RBF (SIFt)", "sqrt", "f32"], by["RBF (SIFt)", "sqrt", "f64"], rel_tol=1e-2)
+    gated = {r["method"]: r["mean_error"] for r in rows if r.get("gate")}
+    assert len(gated) == 10
+    assert all(error < 1.1 * by[name, "sqrt", "f32"] for name, error in gated.items())
     assert (tmp_path / "replay_drive.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("regulator", ["none", "sift"])
+@pytest.mark.parametrize("precision", [32, 64])
+def test_estimator_behind_the_gate_forgets_a_fault(precision, regulator):
+    """On a drive with every sensor stuck for ten seconds."""
+    u = scenario.commands(3000)
+    x = sim.simulate(u, 0.05)
+    stuck = x.copy()
+    stuck[1500:1700] = x[1500]
+    after = {}
+    for name, seen, gate in (("sound", x, False), ("gated", stuck, True), ("bare", stuck, False)):
+        estimator = sim.Estimator("poly_ddr", regulator, precision, form="sqrt", gate=gate)
+        after[name] = np.nanmean(estimator.replay(seen, u)["error"][2000:])
+    assert after["gated"] < 1.05 * after["sound"] < after["bare"] / 2
 
 
 @pytest.mark.parametrize("precision", [32, 64])

@@ -18,8 +18,8 @@ LAMBDA = {"ddr": 0.98, "fwmav": 0.995}  # paper, section "Comparison Protocol"
 ANGLES = {"ddr": [2], "fwmav": [6, 7, 8]}  # states that wrap
 MIN_USABLE = 100
 
-# (form, bits): the reference, then what firmware can choose from
-VARIANTS = (("sqrt", 64), ("plain", 32), ("sqrt", 32))
+# (form, bits, behind the gate): the reference, then what firmware can choose from
+VARIANTS = (("sqrt", 64, False), ("plain", 32, False), ("sqrt", 32, False), ("sqrt", 32, True))
 
 NOTHING = "state stays"
 NOMINAL = "unicycle"
@@ -48,17 +48,13 @@ def load(path, platform=None):
     platform = platform or detect_platform(path)
     log = unwrapped(sim.read_log(path, platform), platform)
     if log.usable.sum() < MIN_USABLE:
-        raise UserError(
-            f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok"
-        )
+        raise UserError(f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok")
     return log, platform
 
 
 def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0, usable=None):
     """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge."""
-    estimator = sim.Estimator(
-        f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0
-    )
+    estimator = sim.Estimator(f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
     estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable)
     return estimator
 
@@ -96,16 +92,16 @@ def run_log(path, out, platform=None):
     for name, error in baselines(log, platform).items():
         errors[name] = np.where(scored, error, np.nan)
         rows.append({"source": Path(path).stem, "method": name, "mean_error": float(error[scored].mean())})
-    jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS]
-    for method, form, precision in progress(jobs, Path(path).stem):
-        online = method.regulator != "offline"
+    online = {method: method.regulator != "offline" for method in scenario.METHODS}
+    jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS if online[method] or not variant[-1]]
+    for method, form, precision, gate in progress(jobs, Path(path).stem):
         estimator = sim.Estimator(
-            f"{method.dictionary}_{platform}", method.regulator if online else "none", precision, form=form,
-            n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary],
+            f"{method.dictionary}_{platform}", method.regulator if online[method] else "none", precision, form=form,
+            n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary], gate=gate,
         )  # fmt: skip
         estimator.theta = offline[method.dictionary]
-        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online)
-        errors[method, form, precision] = trace["error"]
+        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online[method])
+        errors[method, form, precision, gate] = trace["error"]
         gates = method.regulator in ("dz_cs", "dz_ks")
         rows.append(
             {
@@ -115,12 +111,13 @@ def run_log(path, out, platform=None):
                 "regulator": method.regulator,
                 "precision": f"f{precision}",
                 "form": form,
+                "gate": gate,
                 "steps": int(scored.sum()),
                 "mean_error": float(np.nanmean(trace["error"])),
-                "final_P_fro": float(trace["norm_p"][-1]) if online else None,
+                "final_P_fro": float(trace["norm_p"][-1]) if online[method] else None,
                 "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
                 "delta": delta[method.dictionary] if gates else None,
-                "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online else None,
+                "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online[method] else None,
                 "refused": int((trace["status"] < 0).sum()),
             }
         )
@@ -131,10 +128,10 @@ def run_log(path, out, platform=None):
 
 
 def by_method(rows):
-    """[(name, {(form, bits): row})] in the order of the rows; a baseline has the key None."""
+    """[(name, {(form, bits, gate): row})] in the order of the rows; a baseline has the key None."""
     table = {}
     for row in rows:
-        key = (row["form"], int(row["precision"][1:])) if "form" in row else None
+        key = (row["form"], int(row["precision"][1:]), row["gate"]) if "form" in row else None
         table.setdefault(row["method"], {})[key] = row
     return list(table.items())
 
@@ -147,8 +144,8 @@ def report(rows, log, scored):
     lines = []
     for name, variants in by_method(rows):
         reference = variants.get(VARIANTS[0]) or variants[None]
-        plain, root = (variants.get(key, {}) for key in VARIANTS[1:])
-        ratios = [f"{v['mean_error'] / reference['mean_error']:.4g}" if v else "" for v in (plain, root)]
+        plain, root, gated = (variants.get(key, {}) for key in VARIANTS[1:])
+        ratios = [f"{v['mean_error'] / reference['mean_error']:.4g}" if v else "" for v in (plain, root, gated)]
         skip = reference.get("skip_rate")
         lines.append(
             [
@@ -156,14 +153,14 @@ def report(rows, log, scored):
                 number(reference["mean_error"]),
                 *ratios,
                 number(plain.get("lost_positive_definite_at")) if plain else "",
-                f"{plain['refused']} / {root['refused']}" if plain else "",
+                " / ".join(str(v["refused"]) for v in (plain, root, gated) if v),
                 f"{100 * skip:.1f}" if skip is not None else "",
                 number(reference.get("final_P_fro")) if plain else "",
             ]
         )
     print_table(
         f"Replay of {rows[0]['source']}: {len(log.t):,} rows at {1 / log.dt:.0f} Hz, {int(scored.sum()):,} steps scored",
-        ["method", "error f64", "f32 plain/f64", "f32 sqrt/f64", "P lost, plain", "refused", "gated %", "final |P|"],
+        ["method", "error f64", "f32 plain/f64", "f32 sqrt/f64", "behind gate/f64", "P lost, plain", "refused", "gated %", "final |P|"],
         lines,
     )
 
@@ -192,7 +189,7 @@ def draw(out, rows, errors, log, scored):
     for i, (_, variants) in enumerate(table):
         row = variants.get(None) or variants[VARIANTS[0]]
         right.barh(i, row["mean_error"], color="0.85", edgecolor="k", hatch=plots.HATCHES.get(row.get("regulator"), ""))
-        for key, marker in zip(VARIANTS[1:], ("x", "o")):
+        for key, marker in zip(VARIANTS[1:3], ("x", "o")):
             if key in variants:
                 value = min(variants[key]["mean_error"], limit)
                 right.plot(value, i, marker, color="#d62728" if marker == "x" else "k", ms=6, mfc="none", mew=1.5)

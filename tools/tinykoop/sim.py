@@ -62,6 +62,7 @@ class _Settings(ct.Structure):
         ("delta", ct.c_double),
         ("tau0", ct.c_double),
         ("eps_sift", ct.c_double),
+        ("gate", ct.c_int),
     ]
 
 
@@ -499,14 +500,14 @@ class Estimator:
 
     dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: none, ef,
     dz_cs, dz_ks, ct, sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
-    check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
+    gate: replays learn through the gate, with its defaults. check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
     """
 
     def __init__(self, dictionary, regulator, precision, *, form="plain", n_inputs=2, lam=0.98, p0=100.0,
-                 delta=0.01, tau0=0.0, eps_sift=0.0, check=CHECK_REPORT):  # fmt: skip
+                 delta=0.01, tau0=0.0, eps_sift=0.0, check=CHECK_REPORT, gate=False):  # fmt: skip
         settings = _Settings(
             dictionary.encode(), regulator.encode(), form.encode(), precision, check, n_inputs, lam, p0,
-            delta, tau0, eps_sift,
+            delta, tau0, eps_sift, gate,
         )  # fmt: skip
         self._handle = ct.c_void_p()
         _check("tk_estimator_new", ct.byref(settings), ct.byref(self._handle))

@@ -168,8 +168,9 @@ static void SIM(free)(SIM(estimator) * e) {
 
 /* Of the model as it is now. */
 static void SIM(start_gate)(SIM(estimator) * e) {
-	const size_t reals = KOOP_GATE_REALS(e->rls.n_lifted, e->rls.config.n_inputs);
-	KOOP(gate_init)(&e->gate, NULL, &e->rls, e->gate_storage, reals);
+	size_t reals;
+	KOOP(rls_reals)(&e->rls.config, &reals);
+	KOOP(gate_init)(&e->gate, NULL, &e->rls, e->gate_storage, reals + 2 * e->rls.n_lifted);
 }
 
 static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
@@ -196,7 +197,7 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	if (!e) { return fail("out of memory"); }
 	const size_t N = config.dictionary->n_lifted, n = config.dictionary->n_states, m = config.n_inputs;
 	e->storage = calloc(reals, sizeof(REAL));
-	e->gate_storage = calloc(KOOP_GATE_REALS(N, m), sizeof(REAL));
+	e->gate_storage = calloc(reals + 2 * N, sizeof(REAL));
 	e->vectors = calloc(3 * N + n + m, sizeof(REAL));
 	e->P = calloc((N + m) * (N + m), sizeof(double));
 	if (!e->storage || !e->gate_storage || !e->vectors || !e->P) {

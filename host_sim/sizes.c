@@ -17,7 +17,8 @@ int tk_sizes(size_t N, size_t n, size_t m, size_t H, tk_storage *sizes) {
 	*sizes = (tk_storage){
 	    .learner_sqrt = KOOP_RLS_REALS_SQRT(N, m),
 	    .learner_plain = KOOP_RLS_REALS_PLAIN(N, m),
-	    .gate = KOOP_GATE_REALS(N, m),
+	    .gate_sqrt = KOOP_GATE_REALS_SQRT(N, m),
+	    .gate_plain = KOOP_GATE_REALS_PLAIN(N, m),
 	    .mpc_newton = KOOP_MPC_REALS_NEWTON(N, n, m, H),
 	    .mpc_gradient = KOOP_MPC_REALS_GRADIENT(N, n, m, H),
 	    .mpc_rate = KOOP_MPC_REALS_RATE(m, H),

@@ -297,7 +297,7 @@ TK_API int tk_log_write(const char *path, const char *platform, size_t rows, dou
 /* Numbers of reals, for N lifted states of which n are the state itself, m inputs
  * and a horizon of H steps: the macros of tinykoop.h and tinykoop_guard.h. */
 typedef struct tk_storage {
-	size_t learner_sqrt, learner_plain, gate;
+	size_t learner_sqrt, learner_plain, gate_sqrt, gate_plain;
 	size_t mpc_newton, mpc_gradient, mpc_rate; /* mpc_rate: on top, with an input-rate penalty */
 	size_t guard;
 	size_t model; /* Theta, as stored for firmware, without its header */

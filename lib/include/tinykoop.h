@@ -96,7 +96,8 @@ enum {
 	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
 
 /* Number of reals of a gate's storage, for N lifted states and m inputs. */
-#define KOOP_GATE_REALS(N, m) (((size_t)(N) + (m)) * KOOP_PAD(N) + 2u * (size_t)(N))
+#define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 2u * (size_t)(N))
+#define KOOP_GATE_REALS_PLAIN(N, m) (KOOP_RLS_REALS_PLAIN(N, m) + 2u * (size_t)(N))
 
 /* Model predictive control: bounds that are fixed at compile time, and so the
  * worst case: up to MAX_NEWTON steps with KOOP_MPC_NEWTON, up to MAX_GRADIENT with

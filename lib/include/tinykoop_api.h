@@ -211,8 +211,7 @@ typedef struct KOOP(gate_config) {
  * and its storage. To read: refused, restored. */
 typedef struct KOOP(gate) {
 	KOOP(gate_config) config;
-	size_t n_lifted, n_regressors;
-	KOOP_REAL *saved;       /* as rls.theta */
+	KOOP(rls) saved;        /* what the learner knew */
 	KOOP_REAL *usual;       /* mean square of each innovation while all is well, N */
 	KOOP_REAL *recent;      /* mean square of each innovation lately, N */
 	size_t early;           /* samples until `usual` is learned */
@@ -223,11 +222,13 @@ typedef struct KOOP(gate) {
 	KOOP_REAL strain;       /* sum of the learner's squared innovations over the usual ones */
 	KOOP_REAL saved_strain; /* the same, of what is saved */
 	size_t doubted;         /* samples since what is saved predicted as usual */
-	size_t restored;        /* how often it came back */
+	size_t restored;        /* how often that came back */
+	int spent;              /* it did, and nothing was saved since */
 } KOOP(gate);
 
 /* For an estimator that is initialised, after a model is loaded. `config` may be null.
- * Storage: KOOP_GATE_REALS. It takes all of the first samples, from which it learns what is usual. */
+ * Storage: KOOP_GATE_REALS_SQRT or KOOP_GATE_REALS_PLAIN, or 2 N more than rls_reals() says.
+ * It takes all of the first samples, from which it learns what is usual. */
 int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                     KOOP_REAL *storage, size_t reals);
 

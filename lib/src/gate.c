@@ -31,29 +31,25 @@ static COLD void gate_configure(KOOP(gate) *gate, const KOOP(gate_config) *c) {
 }
 
 static size_t gate_window(const KOOP(gate) *gate) {
-	return GATE_WINDOW * gate->n_regressors;
-}
-
-static size_t gate_theta_reals(const KOOP(rls) *rls) {
-	return rls->n_regressors * rls->n_lifted_padded;
+	return GATE_WINDOW * gate->saved.n_regressors;
 }
 
 COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                          real *storage, size_t reals) {
+	size_t needed;
 	if (!gate || !rls || !rls->theta || !storage) { return KOOP_E_NULL; }
-	const int status = gate_config_check(config);
+	int status = gate_config_check(config);
+	if (status == KOOP_OK) { status = KOOP(rls_reals)(&rls->config, &needed); }
 	if (status != KOOP_OK) { return status; }
 	const size_t N = rls->n_lifted;
-	if (reals < KOOP_GATE_REALS(N, rls->config.n_inputs)) { return KOOP_E_STORAGE; }
+	if (reals < needed + 2 * N) { return KOOP_E_STORAGE; }
 
 	(void)memset(gate, 0, sizeof *gate);
 	gate_configure(gate, config);
-	gate->n_lifted = N;
-	gate->n_regressors = rls->n_regressors;
-	gate->saved = storage;
-	gate->usual = storage + gate_theta_reals(rls);
+	(void)KOOP(rls_init)(&gate->saved, &rls->config, storage, needed);
+	take_over(&gate->saved, rls);
+	gate->usual = storage + needed;
 	gate->recent = gate->usual + N;
-	copy(gate->saved, rls->theta, gate_theta_reals(rls));
 	for (size_t i = 0; i < N; i++) { gate->usual[i] = gate->recent[i] = 0; }
 	gate->early = gate_window(gate);
 	return KOOP_OK;
@@ -73,7 +69,7 @@ static real gate_most(const KOOP(gate) *gate, size_t i) {
 /* Whether no innovation is an outlier; before it is known what is usual, none is. */
 static int gate_admits(const KOOP(gate) *gate, const real *error) {
 	if (gate->open > 0 || gate->known < gate_window(gate)) { return 1; }
-	for (size_t i = 0; i < gate->n_lifted; i++) {
+	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		if (!(error[i] * error[i] <= gate_most(gate, i))) { return 0; }
 	}
 	return 1;
@@ -82,14 +78,14 @@ static int gate_admits(const KOOP(gate) *gate, const real *error) {
 /* The mean squares with one more sample: plain means at first, then those of GATE_MEMORY samples. */
 static void gate_learn_usual(KOOP(gate) *gate, const real *error) {
 	gate->known += gate->known < GATE_MEMORY;
-	for (size_t i = 0; i < gate->n_lifted; i++) {
+	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		gate->usual[i] += (error[i] * error[i] - gate->usual[i]) / (real)gate->known;
 	}
 }
 
 /* Likewise over a window; of each sample no more than the gate admits. The last term grows from nothing. */
 static void gate_learn_recent(KOOP(gate) *gate, const real *error) {
-	for (size_t i = 0; i < gate->n_lifted; i++) {
+	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		const real square = error[i] * error[i], most = gate_most(gate, i);
 		const real seen = square < most ? square : max_of(most, REAL_EPSILON * square);
 		gate->recent[i] += (seen - gate->recent[i]) / (real)gate_window(gate);
@@ -120,10 +116,10 @@ static void gate_count_refused(KOOP(gate) *gate) {
 /* The mean of the squares over the usual ones, at most what the gate admits. */
 static real gate_strain(const KOOP(gate) *gate, const real *error) {
 	real sum = 0;
-	for (size_t i = 0; i < gate->n_lifted; i++) {
+	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		sum += error[i] * error[i] / (gate_usual(gate, i) + REAL_MIN);
 	}
-	const real mean = sum / (real)gate->n_lifted, most = gate->config.multiple * gate->config.multiple;
+	const real mean = sum / (real)gate->saved.n_lifted, most = gate->config.multiple * gate->config.multiple;
 	return mean < most ? mean : most; /* NaN and Inf too */
 }
 
@@ -144,27 +140,40 @@ static COLD int gate_believes(KOOP(gate) *gate) {
 	return gate->doubted == 0 && gate->open == 0;
 }
 
+/* What is saved comes back: all of it, but P only once, as it may be P that leads astray, and begun anew
+ * where nothing could be learned at all. */
+static COLD void gate_restore(KOOP(gate) *gate, KOOP(rls) *rls, int lost) {
+	if (gate->spent || lost) {
+		(void)KOOP(rls_copy_theta)(rls, gate->saved.theta);
+	} else {
+		take_over(rls, &gate->saved);
+	}
+	if (lost) { (void)KOOP(rls_reset_covariance)(rls, rls->config.p0); }
+	gate->spent = 1;
+	gate->restored++;
+}
+
 /* At the end of a window. */
 static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
 	const int lost = gate->failed == gate->judged, believes = gate_believes(gate);
-	const int worse = !gate_is_consistent(gate, gate->strain) && GATE_BETTER * gate->saved_strain < gate->strain;
-	if (lost) { (void)KOOP(rls_reset_covariance)(rls, rls->config.p0); }
+	const int worse =
+	    !gate_is_consistent(gate, gate->strain) && GATE_BETTER * gate->saved_strain < gate->strain;
 	if (lost || worse) {
-		(void)KOOP(rls_copy_theta)(rls, gate->saved);
-		gate->restored++;
+		gate_restore(gate, rls, lost);
 	} else if (believes) {
-		copy(gate->saved, rls->theta, gate_theta_reals(rls));
+		take_over(&gate->saved, rls);
+		gate->spent = 0;
 	}
 	gate->judged = gate->failed = 0;
 	gate->strain = gate->saved_strain = 0;
 }
 
 static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
-	real *error = rls->gain; /* done with */
-	weighted_rows(error, gate->saved, rls->zeta, rls->n_regressors, rls->n_lifted_padded);
-	(void)subtract_from(error, psi_next, rls->n_lifted);
+	const KOOP(rls) *saved = &gate->saved;
+	weighted_rows(saved->error, saved->theta, rls->zeta, saved->n_regressors, saved->n_lifted_padded);
+	(void)subtract_from(saved->error, psi_next, saved->n_lifted);
 	gate->strain += gate_strain(gate, rls->error);
-	gate->saved_strain += gate_strain(gate, error);
+	gate->saved_strain += gate_strain(gate, saved->error);
 	gate->failed += status != KOOP_OK && status != KOOP_E_OUTLIER;
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
 }
@@ -173,7 +182,7 @@ static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const rea
 
 static int gate_check(const KOOP(gate) *g, const KOOP(rls) *rls) {
 	if (!g || !g->usual || !rls || !rls->theta) { return KOOP_E_NULL; }
-	return rls->n_lifted == g->n_lifted && rls->n_regressors == g->n_regressors ? KOOP_OK : KOOP_E_SIZE;
+	return same_kind(&g->saved, rls) ? KOOP_OK : KOOP_E_SIZE;
 }
 
 int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,

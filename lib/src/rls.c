@@ -65,6 +65,24 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	return KOOP_OK;
 }
 
+/* Whether two estimators have the same storage. */
+static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
+	const int sizes = a->n_lifted == b->n_lifted && a->n_regressors == b->n_regressors;
+	const KOOP(config) *c = &a->config, *d = &b->config;
+	return sizes && c->form == d->form && c->regulator == d->regulator && c->check == d->check;
+}
+
+/* All that `from`, of the same kind, has learned. */
+static COLD void take_over(KOOP(rls) *rls, const KOOP(rls) *from) {
+	size_t reals;
+	(void)KOOP(rls_reals)(&rls->config, &reals);
+	copy(rls->theta, from->theta, reals);
+	rls->covariance_scale = from->covariance_scale;
+	rls->theta_bound = from->theta_bound;
+	rls->covariance_bound = from->covariance_bound;
+	rls->positive_definite = from->positive_definite;
+}
+
 COLD int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
 	if (!rls || !rls->covariance) { return KOOP_E_NULL; }
 	if (!is_within(p0, REAL_MIN, REAL_MAX / 2)) { return KOOP_E_RANGE; }

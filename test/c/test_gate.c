@@ -7,7 +7,8 @@ static const double NOISE = 1e-3;
 
 static estimator e, twin;
 static KOOP(gate) gate;
-static real storage[KOOP_GATE_REALS(N, M)];
+enum { REALS = KOOP_GATE_REALS_PLAIN(N, M) };
+static real storage[REALS];
 static random_source random;
 
 /* A robot: psi_next = zeta[i + 1] / 2 - zeta[i], the second half by `gain`, and noise. */
@@ -53,7 +54,7 @@ static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, cons
 	e.config.p0 = 10000; /* what is known at first counts for little beside the noise */
 	e.config.tau0 = D;
 	estimator_start(&e);
-	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, config, &e.rls, storage, KOOP_GATE_REALS(N, M)));
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, config, &e.rls, storage, REALS));
 }
 
 /* With a model that has been learned, and saved. */
@@ -205,15 +206,15 @@ static void test_hold(void) {
 /* Nothing is saved while a fault is at work, or samples are taken that may be one. */
 static void test_saved(void) {
 	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
-	real kept[KOOP_GATE_REALS(N, M)];
+	real kept[REALS];
 	memcpy(kept, storage, sizeof kept);
 	const size_t size = D * e.rls.n_lifted_padded * sizeof(real);
 	for (int k = 0; k < HOLD - 2 * WINDOW; k++) {
 		drive(-1, NOISE, 1);
-		CHECK(memcmp(kept, gate.saved, size) == 0, "sample %d", k);
+		CHECK(memcmp(kept, gate.saved.theta, size) == 0, "sample %d", k);
 	}
 	drive(1, NOISE, 4 * WINDOW);
-	TEST_ASSERT_TRUE(memcmp(kept, gate.saved, size) != 0);
+	TEST_ASSERT_TRUE(memcmp(kept, gate.saved.theta, size) != 0);
 }
 
 /* What is usual follows, so that a noisier world does not lock the learner out. */
@@ -284,7 +285,8 @@ static void test_overflow_that_keeps_coming_back(void) {
 	for (size_t windows = 1; windows < 4; windows++) {
 		while (gate.restored < windows) { CHECK_STATUS(KOOP_E_OVERFLOW, gated(zeta, psi_next, NULL)); }
 		learned_take(&after, &e);
-		TEST_ASSERT_TRUE(memcmp(e.rls.theta, gate.saved, D * e.rls.n_lifted_padded * sizeof(real)) == 0);
+		TEST_ASSERT_TRUE(memcmp(e.rls.theta, gate.saved.theta, D * e.rls.n_lifted_padded * sizeof(real)) ==
+		                 0);
 		for (int i = 0; i < D * D; i++) {
 			const double expected = i % (D + 1) == 0 ? 10000 : 0;
 			CHECK(fabs((double)after.covariance[i] - expected) <= 20000 * (double)REAL_EPSILON, "P[%d] = %g",
@@ -370,7 +372,7 @@ static void test_settings(void) {
 	for (size_t i = 0; i < sizeof settings / sizeof settings[0]; i++) {
 		const KOOP(gate_config) config = {(real)settings[i].multiple, (real)settings[i].floor,
 		                                  settings[i].patience, settings[i].hold};
-		const int status = KOOP(gate_init)(&gate, &config, &e.rls, storage, KOOP_GATE_REALS(N, M));
+		const int status = KOOP(gate_init)(&gate, &config, &e.rls, storage, REALS);
 		CHECK(status == settings[i].expected, "setting %d: %d", (int)i, status);
 	}
 }
@@ -382,11 +384,12 @@ static void test_arguments(void) {
 	memset(&unset, 0, sizeof unset);
 	memset(&empty, 0, sizeof empty);
 	start(&KOOP(reg_ef), &KOOP(form_sqrt), NULL);
-	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(NULL, NULL, &e.rls, storage, KOOP_GATE_REALS(N, M)));
-	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, NULL, storage, KOOP_GATE_REALS(N, M)));
-	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &empty, storage, KOOP_GATE_REALS(N, M)));
-	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &e.rls, NULL, KOOP_GATE_REALS(N, M)));
-	CHECK_STATUS(KOOP_E_STORAGE, KOOP(gate_init)(&gate, NULL, &e.rls, storage, KOOP_GATE_REALS(N, M) - 1));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(NULL, NULL, &e.rls, storage, REALS));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, NULL, storage, REALS));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &empty, storage, REALS));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &e.rls, NULL, REALS));
+	CHECK_STATUS(KOOP_E_STORAGE,
+	             KOOP(gate_init)(&gate, NULL, &e.rls, storage, KOOP_GATE_REALS_SQRT(N, M) - 1));
 
 	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_update)(NULL, &e.rls, zeta, zeta, psi_next, NULL));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_update)(&unset, &e.rls, zeta, zeta, psi_next, NULL));
@@ -399,7 +402,16 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
 	estimator_default(&twin, N - 1, M + 1, &KOOP(reg_ef), &KOOP(form_sqrt)); /* of as many regressors */
 	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
+	estimator_default(&twin, N, M, &KOOP(reg_sift), &KOOP(form_sqrt));
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
+	estimator_default(&twin, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
+	estimator_default(&twin, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
+	twin.rls.config.check = e.rls.config.check + 1;
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
 	CHECK_STATUS(KOOP_OK, KOOP(gate_update)(&gate, &e.rls, zeta, zeta, psi_next, NULL));
+	e.rls.config.p0 = -1;
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
 }
 
 int main(void) {

@@ -666,7 +666,9 @@ static void call_gate_init(world *w) {
 		c.patience = w->arbitrary ? take_size(&w->in) : 1 + take_below(&w->in, 8);
 		c.hold = w->arbitrary ? take_size(&w->in) : 1 + take_below(&w->in, 64);
 	}
-	const size_t needed = KOOP_GATE_REALS(rls->n_lifted, rls->config.n_inputs);
+	size_t needed = 0;
+	(void)KOOP(rls_reals)(&rls->config, &needed);
+	needed += 2 * rls->n_lifted;
 	const size_t lacking = w->arbitrary && needed > 0 ? take_below(&w->in, 4) / 3 : 0;
 	real *storage = new_reals(&w->in, needed - lacking);
 	const KOOP(gate) before = w->gate;
@@ -693,7 +695,7 @@ static void call_gate_update(world *w) {
 	if (status != KOOP_OK && !came_back) { learned_expect(&before, rls, "refused gate_update()"); }
 	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return; }
 	if (!is_null(w, 5)) { EXPECT(isfinite(health.innovation) || status != KOOP_OK, "innovation"); }
-	EXPECT(all_finite(w->gate.saved, rls->n_regressors * rls->n_lifted_padded), "saved model");
+	EXPECT(all_finite(w->gate.saved.theta, rls->n_regressors * rls->n_lifted_padded), "saved model");
 	EXPECT(all_finite(w->gate.usual, N) && all_finite(w->gate.recent, N), "usual innovations");
 	EXPECT(isfinite(w->gate.strain) && isfinite(w->gate.saved_strain), "strain");
 }

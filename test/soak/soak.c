@@ -38,7 +38,7 @@ typedef struct {
 	size_t worst_recovery;
 	double worst_ratio; /* of errors at the end of an episode */
 	real storage[KOOP_RLS_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS)];
-	real gate_storage[KOOP_GATE_REALS(MOST_LIFTED, MOST_INPUTS)];
+	real gate_storage[KOOP_GATE_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS)];
 } learner;
 
 static void fatal(const char *what) {

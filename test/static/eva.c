@@ -72,11 +72,13 @@ static void run(void) {
 }
 #elif defined(LEARNER)
 static void run_gate(void) {
-	static float storage[KOOP_GATE_REALS(LIFTED, INPUTS)];
+	static float storage[KOOP_GATE_REALS_PLAIN(LIFTED, INPUTS)];
 	const koopf_gate_config c = {any_float, any_float, (size_t)any_int, (size_t)any_int};
 	koopf_gate gate;
 	koopf_health health;
-	const size_t reals = KOOP_GATE_REALS(LIFTED, INPUTS);
+	size_t reals = 0;
+	koopf_rls_reals(&rls.config, &reals);
+	reals += 2 * LIFTED;
 	if (koopf_gate_init(&gate, any_int ? &c : NULL, &rls, storage, reals) != KOOP_OK) { return; }
 	for (int k = 0; k < 2; k++) {
 		new_sample();

@@ -45,7 +45,7 @@ class _Recording(ct.Structure):
 class _Storage(ct.Structure):
     _fields_ = [
         (name, ct.c_size_t)
-        for name in ("learner_sqrt", "learner_plain", "gate", "mpc_newton", "mpc_gradient", "mpc_rate", "guard", "model")
+        for name in ("learner_sqrt", "learner_plain", "gate_sqrt", "gate_plain", "mpc_newton", "mpc_gradient", "mpc_rate", "guard", "model")
     ]
 
 

@@ -84,7 +84,8 @@ def run(lifted, states, inputs, horizon, precision, target):
         [
             ["learner, square root", f"{size * reals['learner_sqrt']:,}", f"KOOP_RLS_REALS_SQRT{pair}"],
             ["learner, plain, at most", f"{size * reals['learner_plain']:,}", f"KOOP_RLS_REALS_PLAIN{pair}"],
-            ["gate", f"{size * reals['gate']:,}", f"KOOP_GATE_REALS{pair}"],
+            ["gate, square root", f"{size * reals['gate_sqrt']:,}", f"KOOP_GATE_REALS_SQRT{pair}"],
+            ["gate, plain, at most", f"{size * reals['gate_plain']:,}", f"KOOP_GATE_REALS_PLAIN{pair}"],
             ["controller, Newton", f"{size * reals['mpc_newton']:,}", f"KOOP_MPC_REALS_NEWTON{quad}"],
             ["controller, gradient", f"{size * reals['mpc_gradient']:,}", f"KOOP_MPC_REALS_GRADIENT{quad}"],
             ["  with a rate penalty", f"+ {size * reals['mpc_rate']:,}", f"KOOP_MPC_REALS_RATE({inputs}, {horizon})"],

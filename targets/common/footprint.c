@@ -24,6 +24,7 @@ typedef struct series {
 
 static series lifts = {.function = "koopf_lift"};
 static series updates = {.function = "koopf_rls_update"};
+static series gated_updates = {.function = "koopf_gate_update"};
 static series solves = {.function = "koopf_mpc_solve"};
 
 static void must(int status) {
@@ -64,12 +65,20 @@ static agent a;
 static float path[PATH * STATES];
 static float psi[N_MOST], psi_next[N_MOST];
 
+static koopf_gate gate;
+static float gate_storage[KOOP_GATE_REALS_SQRT(N_MOST, INPUTS)];
+
+/* A sample that the gate refuses is no failure. */
+static int unless_outlier(int status) {
+	return status == KOOP_E_OUTLIER ? KOOP_OK : status;
+}
+
 /* The open-loop drive with an update at each step. */
-static void drive(void) {
+static void drive(int gated) {
 	double pose[STATES] = {0, 0, 0};
 	float x[STATES], u[INPUTS];
 	koopf_health health;
-	lifts.count = updates.count = 0;
+	lifts.count = updates.count = gated_updates.count = 0;
 	robot_measure(pose, x);
 	must(koopf_lift(a.config.dictionary, x, psi));
 	for (size_t k = 0; k < LEARN; k++) {
@@ -77,7 +86,12 @@ static void drive(void) {
 		robot_step(pose, u, k);
 		robot_measure(pose, x);
 		MEASURE(&lifts, koopf_lift(a.config.dictionary, x, psi_next));
-		MEASURE(&updates, koopf_rls_update(&a.rls, psi, u, psi_next, &health));
+		if (gated) {
+			MEASURE(&gated_updates,
+			        unless_outlier(koopf_gate_update(&gate, &a.rls, psi, u, psi_next, &health)));
+		} else {
+			MEASURE(&updates, koopf_rls_update(&a.rls, psi, u, psi_next, &health));
+		}
 		memcpy(psi, psi_next, sizeof psi);
 	}
 }
@@ -95,9 +109,15 @@ static void measure_updates(const koopf_dictionary *dictionary) {
 	for (size_t f = 0; f < sizeof forms / sizeof *forms; f++) {
 		for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 			must(agent_start(&a, dictionary, regulators[r], forms[f].form, forms[f].check, 0));
-			drive();
+			drive(0);
 			report(&updates, dictionary->n_lifted, regulators[r]->name, forms[f].name);
 		}
+	}
+	for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
+		must(agent_start(&a, dictionary, regulators[r], &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
+		must(koopf_gate_init(&gate, NULL, &a.rls, gate_storage, sizeof gate_storage / sizeof *gate_storage));
+		drive(1);
+		report(&gated_updates, dictionary->n_lifted, regulators[r]->name, "gate");
 	}
 	report(&lifts, dictionary->n_lifted, "lift", "-");
 }
@@ -116,7 +136,7 @@ static void measure_solves(const koopf_dictionary *dictionary, int kind) {
 	double pose[STATES];
 	float x[STATES], u[INPUTS];
 	must(agent_start(&a, dictionary, &koopf_reg_dz_cs, &koopf_form_sqrt, KOOP_CHECK_REFUSE, tolerance));
-	drive();
+	drive(0);
 	robot_path(pose, path);
 	robot_measure(pose, x);
 	must(koopf_lift(dictionary, x, psi));
@@ -136,7 +156,7 @@ static void measure_solves(const koopf_dictionary *dictionary, int kind) {
 
 int main(void) {
 	static const koopf_dictionary *const dictionaries[] = {&koopf_poly_ddr, &koopf_rbf_ddr};
-	static const series *const all[] = {&lifts, &updates, &solves};
+	static const series *const all[] = {&lifts, &updates, &gated_updates, &solves};
 	counter_open();
 	for (size_t i = 0; i < sizeof dictionaries / sizeof *dictionaries; i++) {
 		measure_updates(dictionaries[i]);

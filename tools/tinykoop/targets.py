@@ -224,7 +224,7 @@ class Counted:
 
 
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
-FORMS = {"sqrt": "rls_update", "plain-diagonal": "rls_update_plain", "plain": "rls_update_plain_checked"}
+FORMS = {"sqrt": "rls_update", "plain-diagonal": "rls_update_plain", "plain": "rls_update_plain_checked", "gate": "gate_update"}
 SIZES = (7, 22)
 
 
@@ -360,6 +360,7 @@ NAMES = {
     "rls_update": "update, square root,",
     "rls_update_plain": "update, plain, diagonal checked,",
     "rls_update_plain_checked": "update, plain, factored at every sample,",
+    "gate_update": "update, square root, behind the gate,",
     "mpc_solve": "MPC",
 }
 

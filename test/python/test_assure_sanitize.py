@@ -25,6 +25,7 @@ def test_findings_and_an_empty_run_fail(monkeypatch, tmp_path, result, message):
     assert (tmp_path / "sanitize.json").exists()
 
 
-def test_what_valgrind_leaves_out_exists():
+def test_what_is_left_out_exists():
     subjects = {path.stem.removeprefix("test_") for path in (sanitize.ROOT / "test/c").glob("test_*.c")}
     assert set(sanitize.NO_VALGRIND) <= subjects
+    assert all((sanitize.ROOT / "test/python" / name).exists() for name in sanitize.NO_PRELOAD)

@@ -23,7 +23,11 @@ THREAD = "-fsanitize=thread"
 NO_VALGRIND = {
     "mpc_random": "a campaign of 30,000 solves, half an hour under valgrind; the calls are those of mpc",
     "long_run": "compares with long double of 80 bits, which valgrind computes in 64",
+    "elementary": "likewise",
 }
+
+# What the Python tests leave out, and why.
+NO_PRELOAD = {"test_drop_in.py": "builds with CMake, which hangs with a sanitizer before it; none of it calls the simulator"}
 
 
 def build(name, flags, *options):
@@ -72,13 +76,16 @@ def address_python():
     folder = build("address-host", ADDRESS)
     settings = {
         "LD_PRELOAD": preloaded(),
-        "ASAN_OPTIONS": "detect_leaks=0",  # of Python itself
+        # leaks are Python's own; a decompressor that altered bytes ask for too much is told so
+        "ASAN_OPTIONS": "detect_leaks=0:allocator_may_return_null=1",
         "UBSAN_OPTIONS": "print_stacktrace=1",
         "OPENBLAS_NUM_THREADS": "1",
         "TINYKOOP_SIM": str(folder / "host_sim/libtinykoop_sim.so"),
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-n", str(os.cpu_count() or 1), "--dist", "loadfile", "test/python"]
-    done = subprocess.run(command, cwd=ROOT, env=os.environ | settings, capture_output=True, text=True, errors="replace")
+    command = [sys.executable, "-m", "pytest", "-q", "-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
+    command += [f"--ignore=test/python/{name}" for name in NO_PRELOAD]
+    environment = os.environ | settings
+    done = subprocess.run([*command, "test/python"], cwd=ROOT, env=environment, capture_output=True, text=True, errors="replace")
     lines = (done.stdout + done.stderr).strip().splitlines()
     last = next((line for line in reversed(lines) if "passed" in line), "")
     count = int(last.split(" passed")[0].split()[-1]) if last else 0

@@ -60,6 +60,7 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	rls->error = rls->work + 3 * rows;
 	rls->covariance = rls->error + rls->n_lifted_padded;
 	rls->theta_bound = 0;
+	rls->covariance_scale = 1;
 	config->form->reset(rls, config->p0);
 	rls->positive_definite = 1;
 	return KOOP_OK;
@@ -74,7 +75,7 @@ static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
 
 /* All that `from`, of the same kind, has learned. */
 static COLD void take_over(KOOP(rls) *rls, const KOOP(rls) *from) {
-	size_t reals;
+	size_t reals = 0;
 	(void)KOOP(rls_reals)(&rls->config, &reals);
 	copy(rls->theta, from->theta, reals);
 	rls->covariance_scale = from->covariance_scale;

@@ -70,13 +70,14 @@ static int start_learner(void) {
 static void run(void) {
 	for (int status = KOOP_E_MODEL - 4; status <= 2; status++) { koopf_status_message(status); }
 }
-#elif defined(LEARNER)
-static void run_gate(void) {
+#elif defined(GATE)
+static void run(void) {
 	static float storage[KOOP_GATE_REALS_PLAIN(LIFTED, INPUTS)];
 	const koopf_gate_config c = {any_float, any_float, (size_t)any_int, (size_t)any_int};
 	koopf_gate gate;
 	koopf_health health;
 	size_t reals = 0;
+	if (!start_learner()) { return; }
 	koopf_rls_reals(&rls.config, &reals);
 	reals += 2 * LIFTED;
 	if (koopf_gate_init(&gate, any_int ? &c : NULL, &rls, storage, reals) != KOOP_OK) { return; }
@@ -86,7 +87,7 @@ static void run_gate(void) {
 		koopf_gate_update(&gate, &rls, psi, u, psi_next, any_int ? &health : NULL);
 	}
 }
-
+#elif defined(LEARNER)
 static void run(void) {
 	static float flat[LIFTED * (LIFTED + INPUTS)], P[(LIFTED + INPUTS) * (LIFTED + INPUTS)],
 	    channels[2 * LIFTED], scores[3], delta;
@@ -118,7 +119,6 @@ static void run(void) {
 		koopf_lowpass_step(&filter, psi, psi_next);
 		koopf_lowpass_reset(&filter);
 	}
-	run_gate();
 }
 #else
 static float reference[HORIZON * STATES], plan[HORIZON * INPUTS], G[STATES * INPUTS];

@@ -7,6 +7,9 @@
 #include <math.h>
 
 #define STATES 1
+#ifndef CHECK
+#define CHECK any_int
+#endif
 
 extern volatile float any_float;
 extern volatile int any_int;
@@ -58,7 +61,7 @@ static koopf_rls rls;
 static int start_learner(void) {
 	static float storage[KOOP_RLS_REALS_PLAIN(LIFTED, INPUTS)];
 	const koopf_config c = {&dictionary, INPUTS,    &REGULATOR, &FORM,     any_float,
-	                        any_float,   any_float, any_float,  any_float, any_int};
+	                        any_float,   any_float, any_float,  any_float, CHECK};
 	size_t reals = 0;
 	if (koopf_rls_reals(&c, &reals) != KOOP_OK) { return 0; }
 	if (reals > sizeof storage / sizeof *storage) { return 0; /*@ assert too_few: \false; */ }

@@ -102,7 +102,8 @@ def eva_runs():
             macros |= {"REGULATOR": f"koopf_reg_{regulator}", "FORM": f"koopf_form_{form}"}
             runs[f"learner {regulator} {form} N={lifted}"] = (EVA, macros)
     for regulator, form in (("ef", "plain"), ("sift", "plain"), ("ct", "sqrt")):
-        macros = {"GATE": 1, "LIFTED": 2, "INPUTS": 1, "KOOP_VECTORS": int(regulator == "ct")}
+        # CHECK decides how much storage there is, which Eva does not keep beside it
+        macros = {"GATE": 1, "LIFTED": 2, "INPUTS": 1, "CHECK": "KOOP_CHECK_REFUSE", "KOOP_VECTORS": int(regulator == "ct")}
         runs[f"gate {regulator} {form}"] = (EVA, macros | {"REGULATOR": f"koopf_reg_{regulator}", "FORM": f"koopf_form_{form}"})
     for rate, vectors in itertools.product((0, 1), KERNELS):
         macros = {"CONTROLLER": 1, "LIFTED": 3, "INPUTS": 2, "HORIZON": 3, "METHOD": 1, "RATE": rate, "KOOP_VECTORS": vectors}

@@ -105,10 +105,7 @@ static void gate_count_taken(KOOP(gate) *gate, const real *error) {
 }
 
 static void gate_count_refused(KOOP(gate) *gate) {
-	if (++gate->refused >= gate->config.patience) {
-		gate->refused = 0;
-		gate->open = gate_window(gate);
-	}
+	if (++gate->refused >= gate->config.patience) { gate->open = gate_window(gate); }
 }
 
 /* ---- In the mean: the learner against what is saved ------------------------------- */
@@ -133,17 +130,19 @@ static int gate_is_consistent(const KOOP(gate) *gate, real strain) {
 static COLD int gate_believes(KOOP(gate) *gate) {
 	if (gate->known <= gate_window(gate) || gate_is_consistent(gate, gate->saved_strain)) {
 		gate->doubted = 0;
-	} else if ((gate->doubted += gate->judged) >= gate->config.hold) {
-		gate->doubted = 0;
-		gate->known = gate_window(gate); /* what is usual is learned anew */
+		return 1;
 	}
-	return gate->doubted == 0 && gate->open == 0;
+	gate->doubted += gate->judged;
+	if (gate->doubted < gate->config.hold) { return 0; }
+	gate->doubted = 0;
+	gate->known = gate_window(gate); /* what is usual is learned anew */
+	return 1;
 }
 
 /* What is saved comes back: all of it, but P only once, as it may be P that leads astray, and begun anew
  * where nothing could be learned at all. */
 static COLD void gate_restore(KOOP(gate) *gate, KOOP(rls) *rls, int lost) {
-	if (gate->spent || lost) {
+	if (gate->spent) {
 		(void)KOOP(rls_copy_theta)(rls, gate->saved.theta);
 	} else {
 		take_over(rls, &gate->saved);
@@ -153,12 +152,17 @@ static COLD void gate_restore(KOOP(gate) *gate, KOOP(rls) *rls, int lost) {
 	gate->restored++;
 }
 
+/* Whether what is saved has done better, and the learner worse than usual or through what may be a fault. */
+static COLD int gate_regrets(const KOOP(gate) *gate) {
+	const int suspect = gate->doubted > 0 || !gate_is_consistent(gate, gate->strain);
+	return suspect && GATE_BETTER * gate->saved_strain < gate->strain;
+}
+
 /* At the end of a window. */
 static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
-	const int lost = gate->failed == gate->judged, believes = gate_believes(gate);
-	const int worse =
-	    !gate_is_consistent(gate, gate->strain) && GATE_BETTER * gate->saved_strain < gate->strain;
-	if (lost || worse) {
+	const int lost = gate->failed == gate->judged, regrets = gate_regrets(gate),
+	          believes = gate_believes(gate);
+	if (lost || regrets) {
 		gate_restore(gate, rls, lost);
 	} else if (believes) {
 		take_over(&gate->saved, rls);

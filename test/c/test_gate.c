@@ -151,6 +151,18 @@ static void test_patience(void) {
 	}
 }
 
+/* However long it refuses: that says nothing of P. */
+static void test_long_patience(void) {
+	const KOOP(gate_config) config = {0, 0, 1000, 0};
+	start(&KOOP(reg_ef), &KOOP(form_sqrt), &config);
+	drive(1, NOISE, 500);
+	learned before;
+	learned_take(&before, &e);
+	TEST_ASSERT_EQUAL_INT(999, drive(-1, NOISE, 999));
+	check_unchanged(&before, "while all is refused");
+	TEST_ASSERT_EQUAL_size_t(0, gate.restored);
+}
+
 /* A robot that has changed is learned as fast as without the gate, and it is not gone back on. */
 static void test_jump_is_learned(void) {
 	static const KOOP(regulator) *const forgetting[] = {&KOOP(reg_ef), &KOOP(reg_dz_cs), &KOOP(reg_ct)};
@@ -182,6 +194,25 @@ static void test_fault_leaves_no_trace(void) {
 	}
 }
 
+/* Theta and P as they were saved, each time anew. */
+static void test_what_comes_back(void) {
+	FOR_ALL_KINDS {
+		start_learned(all_regulators[r], all_forms[f]);
+		for (size_t fault = 0; fault < 3; fault++) {
+			learned was, now;
+			drive(-1, NOISE, 300);
+			for (int k = 0; k < HOLD && gate.restored == fault; k++) { drive(1, NOISE, 1); }
+			TEST_ASSERT_EQUAL_size_t(fault + 1, gate.restored);
+			learned_take(&now, &e);
+			twin.rls = gate.saved;
+			learned_take(&was, &twin);
+			CHECK(learned_same_theta(&was, &now, &e), "%s: Theta", estimator_name(&e));
+			CHECK(learned_same_covariance(&was, &now, &e), "%s: P", estimator_name(&e));
+			drive(1, NOISE, 300);
+		}
+	}
+}
+
 /* A fault too small for any sample to be an outlier. */
 static void test_small_fault_leaves_no_trace(void) {
 	start_learned(&KOOP(reg_none), &KOOP(form_sqrt)); /* which would not get over it by itself */
@@ -190,6 +221,17 @@ static void test_small_fault_leaves_no_trace(void) {
 	drive(1, NOISE, 2 * WINDOW);
 	TEST_ASSERT_EQUAL_size_t(1, gate.restored);
 	CHECK(error_on(1) < spoilt / 3, "%g, was %g", error_on(1), spoilt);
+}
+
+/* What a fault leaves behind goes even where it would pass for usual by itself. */
+static void test_little_left_of_a_fault(void) {
+	start_learned(&KOOP(reg_none), &KOOP(form_sqrt));
+	drive(1, NOISE, 5000);
+	const double before = error_on(1);
+	drive(0.93, NOISE, 40);
+	drive(1, NOISE, 3 * WINDOW);
+	TEST_ASSERT_EQUAL_size_t(1, gate.restored);
+	CHECK(error_on(1) < 1.5 * before, "%g, was %g", error_on(1), before);
 }
 
 /* A change that lasts is believed: what was known before does not come back. */
@@ -203,7 +245,14 @@ static void test_hold(void) {
 	}
 }
 
-/* Nothing is saved while a fault is at work, or samples are taken that may be one. */
+/* The model that the learner begins with is one to come back to. */
+static void test_loaded_model_is_saved(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
+	TEST_ASSERT_TRUE(memcmp(e.rls.theta, gate.saved.theta, D * e.rls.n_lifted_padded * sizeof(real)) == 0);
+}
+
+/* Nothing is saved while a fault is at work. */
 static void test_saved(void) {
 	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
 	real kept[REALS];
@@ -326,6 +375,20 @@ static void test_windup_is_cured(void) {
 	CHECK(error_on(1) < NOISE, "%g", error_on(1));
 }
 
+/* Nor is a P that has wound up brought back again and again: each time it would lead astray anew. */
+static void test_wound_up_covariance_comes_back_once(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	for (int round = 0; round < 20; round++) {
+		real zeta[D], psi_next[N];
+		draw(1, 0, zeta, psi_next);
+		for (int k = 0; k < 400; k++) { gated(zeta, psi_next, NULL); }
+		const size_t restored = gate.restored;
+		drive(1, NOISE, 4 * WINDOW);
+		CHECK(gate.restored <= restored + 2, "%d times", (int)(gate.restored - restored));
+		CHECK(error_on(1) < 1.5 * NOISE, "round %d: %g", round, error_on(1));
+	}
+}
+
 /* Nothing overflows, and what is usual stays a number, whatever comes. */
 static void test_wild_samples(void) {
 	FOR_ALL_KINDS {
@@ -420,10 +483,14 @@ int main(void) {
 	RUN_TEST(test_outlier_leaves_no_trace);
 	RUN_TEST(test_spikes_are_refused_while_they_are_few);
 	RUN_TEST(test_patience);
+	RUN_TEST(test_long_patience);
 	RUN_TEST(test_jump_is_learned);
 	RUN_TEST(test_fault_leaves_no_trace);
+	RUN_TEST(test_what_comes_back);
 	RUN_TEST(test_small_fault_leaves_no_trace);
+	RUN_TEST(test_little_left_of_a_fault);
 	RUN_TEST(test_hold);
+	RUN_TEST(test_loaded_model_is_saved);
 	RUN_TEST(test_saved);
 	RUN_TEST(test_more_noise_for_good);
 	RUN_TEST(test_grows_from_nothing);
@@ -433,6 +500,7 @@ int main(void) {
 	RUN_TEST(test_overflow_that_keeps_coming_back);
 	RUN_TEST(test_overflow_from_the_start);
 	RUN_TEST(test_windup_is_cured);
+	RUN_TEST(test_wound_up_covariance_comes_back_once);
 	RUN_TEST(test_wild_samples);
 	RUN_TEST(test_settings);
 	RUN_TEST(test_arguments);

@@ -622,8 +622,8 @@ static void call_guard_update(world *w) {
 	                                      GIVEN(4, psi_next), GIVEN(5, &health));
 	expect_status(w, status, 5);
 	const int began_again = w->guard.resets != resets;
-	EXPECT(!came_back || w->guard.resets == resets + 1, "%zu resets after %zu", w->guard.resets, resets);
-	if (status != KOOP_OK && !came_back) { learned_expect(&before, rls, "refused guard_update()"); }
+	EXPECT(!began_again || w->guard.resets == resets + 1, "%zu resets after %zu", w->guard.resets, resets);
+	if (status != KOOP_OK && !began_again) { learned_expect(&before, rls, "refused guard_update()"); }
 	if (status != KOOP_E_NULL && status != KOOP_E_SIZE && !is_null(w, 5)) {
 		check_health(rls, &health, status);
 	}

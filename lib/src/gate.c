@@ -104,8 +104,11 @@ static void gate_count_taken(KOOP(gate) *gate, const real *error) {
 	}
 }
 
-static void gate_count_refused(KOOP(gate) *gate) {
-	if (++gate->refused >= gate->config.patience) { gate->open = gate_window(gate); }
+static void gate_count(KOOP(gate) *gate, const real *error, int status) {
+	if (status == KOOP_OK) { gate_count_taken(gate, error); }
+	if (status == KOOP_E_OUTLIER && ++gate->refused >= gate->config.patience) {
+		gate->open = gate_window(gate);
+	}
 }
 
 /* ---- In the mean: the learner against what is saved ------------------------------- */
@@ -201,8 +204,7 @@ int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const r
 	if (status == KOOP_OK) { status = learn(rls, &seen); }
 	report(rls, status, &seen, health);
 	if (status == KOOP_E_INPUT) { return status; } /* a sensor that is not there says nothing of the model */
-	if (status == KOOP_OK) { gate_count_taken(gate, rls->error); }
-	if (status == KOOP_E_OUTLIER) { gate_count_refused(gate); }
+	gate_count(gate, rls->error, status);
 	gate_compare(gate, rls, status, psi_next);
 	return status;
 }

@@ -9,7 +9,7 @@ from tinykoop.errors import UserError
 REFUSED = {"input": 0, "overflow": 0, "indefinite": 0, "outlier": 0, "range": 0}
 SOUND = {
     "condition": "stuck sensor", "dictionary": "poly_ddr", "regulator": "ef", "form": "sqrt", "precision": "f32", "gate": 1,
-    "updates": 1000, "refused": REFUSED | {"outlier": 40}, "restarts": 1, "non_finite_without_status": 0, "lost": 0,
+    "updates": 1000, "refused": REFUSED | {"outlier": 40}, "restored": 1, "non_finite_without_status": 0, "lost": 0,
     "episodes": 4, "recovered": 4, "steps_to_recover": 120, "limit": 394, "error_ratio": 1.01,
 }  # fmt: skip
 

@@ -261,19 +261,11 @@ static real calibrated(const KOOP(config) *config, const plant *robot, random_so
 	return delta;
 }
 
-/* Samples that a regulator remembers. None forgets nothing, and SIFt only one direction a sample: both
- * remember all since the last restart, of which a trial may have been spoilt. */
-static double memory_of(const learner *l) {
-	const KOOP(regulator) *regulator = l->rls.config.regulator;
-	const int keeps = regulator == &KOOP(reg_none) || regulator == &KOOP(reg_sift);
-	return keeps ? 2 * (4 * (double)l->rls.n_regressors) : 1 / (1 - (double)l->rls.config.lambda);
-}
-
-/* The stated number of steps. The gate holds on to what a fault has taught for four times its patience at
- * most: one to notice, one of refusals, a trial of two. Then it takes five times d samples for a model of d
- * regressors within a tenth of the best, and five memories for what was there before to be outvoted. */
+/* The stated number of steps. The gate judges a model of d regressors by windows of 4 d samples: the one in
+ * which the fault ends, one that tells what it has left behind, one more where P has wound up; and two for
+ * the estimate to settle. Then what is forgotten at lambda takes five times its memory to be outvoted. */
 static size_t stated_limit(const learner *l) {
-	return 16 * l->rls.n_regressors + 5 * (size_t)ceil(fmax((double)l->rls.n_regressors, memory_of(l)));
+	return 5 * 4 * l->rls.n_regressors + 5 * (size_t)ceil(1 / (1 - (double)l->rls.config.lambda));
 }
 
 static void print_line(const learner *l, const char *condition, const char *precision, size_t limit) {
@@ -287,7 +279,7 @@ static void print_line(const learner *l, const char *condition, const char *prec
 	for (int s = INPUT; s < STATUSES; s++) {
 		printf("%s\"%s\": %lu", s == INPUT ? "" : ", ", status_names[s], l->count[s]);
 	}
-	printf("}, \"restarts\": %lu, \"non_finite_without_status\": %lu, \"lost\": %lu, \"episodes\": %lu, "
+	printf("}, \"restored\": %lu, \"non_finite_without_status\": %lu, \"lost\": %lu, \"episodes\": %lu, "
 	       "\"recovered\": %lu, \"steps_to_recover\": %lu, \"limit\": %lu, \"error_ratio\": ",
 	       (unsigned long)l->gate.restored, l->unsound, l->lost, l->episodes, l->recoveries,
 	       (unsigned long)l->worst_recovery, (unsigned long)limit);

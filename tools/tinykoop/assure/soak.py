@@ -106,12 +106,12 @@ def report(rows):
         for condition, group in by_condition(some).items():
             of = [[row for row in group if row["regulator"] == name] for name in REGULATORS]
             share = 100 * sum(refused(group).values()) / total(group, "updates")
-            lines.append([condition, *map(cell, of), f"{share:.1f}", total(group, "restarts"), total(group, "lost")])
+            lines.append([condition, *map(cell, of), f"{share:.1f}", total(group, "restored"), total(group, "lost")])
         limits = sorted({row["limit"] for row in some})
         print_table(
             f"Faults, {use}: {total(some, 'updates'):,} updates, {total(some, 'episodes'):,} faults, "
             f"{total(some, 'recovered'):,} recovered from",
-            ["fault", *REGULATORS, "refused %", "restarts", "lost"],
+            ["fault", *REGULATORS, "refused %", "restored", "lost"],
             lines,
             "Worst steps until the error is within 10 % of that of a twin which never saw the fault, over dictionaries, forms "
             f"and\nprecisions; in % where not all recovered within the stated steps ({limits[0]} to {limits[-1]}, by regulator and size).",

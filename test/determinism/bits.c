@@ -125,6 +125,15 @@ static void note_learned(void) {
 	note(theta, COUNT(theta));
 }
 
+static KOOP(gate) gate;
+static real gate_storage[KOOP_GATE_REALS_PLAIN(N, M)];
+static int gated; /* whether samples go through it */
+
+static int learn(const real *psi, const real *u, const real *next, KOOP(health) *health) {
+	return gated ? KOOP(gate_update)(&gate, &rls, psi, u, next, health)
+	             : KOOP(rls_update)(&rls, psi, u, next, health);
+}
+
 /* A stable linear robot with noise; from the middle on little excites it, which winds P up. Now and then a
  * sample is not a number, infinite or huge. */
 static void drive(size_t steps) {
@@ -141,7 +150,7 @@ static void drive(size_t steps) {
 		}
 		const real right = next[k % N];
 		if (k % 17 == 16) { next[k % N] = faults[k / 17 % COUNT(faults)]; }
-		note_number(KOOP(rls_update)(&rls, psi, u, next, &health));
+		note_number(learn(psi, u, next, &health));
 		note_health(&health);
 		next[k % N] = right;
 		memcpy(psi, next, sizeof psi);
@@ -170,6 +179,22 @@ static void updates(void) {
 		start(regulator, form, (int)(i % COUNT(checks)));
 		drive(120);
 		note_learned();
+		part_end();
+	}
+}
+
+static void gated_updates(void) {
+	for (size_t f = 0; f < COUNT(forms); f++) {
+		printf(PART "gate-%s", forms[f]->name);
+		part_begin();
+		start(&KOOP(reg_none), forms[f], KOOP_CHECK_REFUSE);
+		note_number(KOOP(gate_init)(&gate, NULL, &rls, gate_storage, COUNT(gate_storage)));
+		gated = 1;
+		drive(400);
+		gated = 0;
+		note_learned();
+		note_number((int)gate.restored);
+		note(gate.usual, N);
 		part_end();
 	}
 }
@@ -372,6 +397,7 @@ int main(void) {
 	lifts(&KOOP(poly_fwmav), "fwmav");
 	lifts(&KOOP(rbf_fwmav), "fwmav");
 	updates();
+	gated_updates();
 	small_parts();
 	for (size_t i = 0; i < COUNT(loops); i++) { run(loops + i); }
 	run_guarded(loops);

@@ -8,10 +8,10 @@
 #define GATE_MULTIPLE 5
 #define GATE_PATIENCE 5
 #define GATE_HOLD 1000
-#define GATE_MEMORY 5000 /* samples in the mean squares */
-#define GATE_WINDOW 4    /* regressors times this: samples that a model is judged by */
-#define GATE_CONSISTENT ((real)1.5)
-#define GATE_BETTER ((real)1.2)
+#define GATE_MEMORY 5000            /* samples in the mean squares */
+#define GATE_WINDOW 4               /* regressors times this: samples that a model is judged by */
+#define GATE_CONSISTENT ((real)1.5) /* times the usual mean square, at most */
+#define GATE_BETTER ((real)1.2)     /* times smaller than the learner's */
 #define GATE_MOST ((size_t)-1 / 2)
 
 static COLD int gate_config_check(const KOOP(gate_config) *c) {

@@ -104,7 +104,7 @@ static void gate_count_taken(KOOP(gate) *gate, const real *error) {
 	}
 }
 
-static void gate_count(KOOP(gate) *gate, const real *error, int status) {
+OUT_OF_LINE static void gate_count(KOOP(gate) *gate, const real *error, int status) {
 	if (status == KOOP_OK) { gate_count_taken(gate, error); }
 	if (status == KOOP_E_OUTLIER && ++gate->refused >= gate->config.patience) {
 		gate->open = gate_window(gate);
@@ -175,7 +175,7 @@ static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
 	gate->strain = gate->saved_strain = 0;
 }
 
-static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
+OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
 	const KOOP(rls) *saved = &gate->saved;
 	weighted_rows(saved->error, saved->theta, rls->zeta, saved->n_regressors, saved->n_lifted_padded);
 	(void)subtract_from(saved->error, psi_next, saved->n_lifted);

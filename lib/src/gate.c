@@ -176,11 +176,11 @@ static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
 }
 
 OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
-	const KOOP(rls) *saved = &gate->saved;
-	weighted_rows(saved->error, saved->theta, rls->zeta, saved->n_regressors, saved->n_lifted_padded);
-	(void)subtract_from(saved->error, psi_next, saved->n_lifted);
+	real *error = gate->saved.error;
+	weighted_rows(error, gate->saved.theta, rls->zeta, rls->n_regressors, rls->n_lifted_padded);
+	(void)subtract_from(error, psi_next, rls->n_lifted);
 	gate->strain += gate_strain(gate, rls->error);
-	gate->saved_strain += gate_strain(gate, saved->error);
+	gate->saved_strain += gate_strain(gate, error);
 	gate->failed += status != KOOP_OK && status != KOOP_E_OUTLIER;
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
 }

@@ -119,7 +119,7 @@ def test_killed_between_plots_leaves_no_figures_beside_them(plots, tmp_path):
 def test_killed_at_any_time(log, tmp_path):
     """Whenever it dies, what is there is whole; and before it has begun to write, it is what was there."""
     name = f"replay_{log.stem}"
-    for delay in (0.2, 1.5, 3.0):
+    for delay in (0.2, 1.0, 1.5, 2.0, 2.5, 3.0):
         results.write_json(tmp_path / f"{name}.json", ["old"])
         process = subprocess.Popen([*TINYKOOP, "replay", log, "--out", tmp_path], env=ENVIRONMENT, stdout=subprocess.DEVNULL)
         time.sleep(delay)
@@ -213,7 +213,7 @@ def test_no_room_for_a_file(writer, log, flight, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("writer", ["replay", "fly", "amalgamate"])  # in Python, in C, without either
+@pytest.mark.parametrize("writer", WRITERS)
 def test_full_disk(writer, log, flight, tmp_path):
     with mounted(tmp_path, "size=8k"):
         (tmp_path / "filler").write_bytes(bytes(4096))

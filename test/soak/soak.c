@@ -261,11 +261,19 @@ static real calibrated(const KOOP(config) *config, const plant *robot, random_so
 	return delta;
 }
 
+/* Samples after which what was there before the fault has been outvoted five times. What does not forget does
+ * not wait for that: the gate brings back what it knew. */
+static size_t time_to_forget(const learner *l) {
+	const KOOP(regulator) *regulator = l->rls.config.regulator;
+	const int keeps = regulator == &KOOP(reg_none) || regulator == &KOOP(reg_sift);
+	return keeps ? 0 : 5 * (size_t)ceil(1 / (1 - (double)l->rls.config.lambda));
+}
+
 /* The stated number of steps. The gate judges a model of d regressors by windows of 4 d samples: the one in
- * which the fault ends, one that tells what it has left behind, one more where P has wound up; and two for
- * the estimate to settle. Then what is forgotten at lambda takes five times its memory to be outvoted. */
+ * which the fault ends, one that tells what it has left behind, one more where P has wound up, and one for
+ * the estimate to settle. */
 static size_t stated_limit(const learner *l) {
-	return 5 * 4 * l->rls.n_regressors + 5 * (size_t)ceil(1 / (1 - (double)l->rls.config.lambda));
+	return 4 * 4 * l->rls.n_regressors + time_to_forget(l);
 }
 
 static void print_line(const learner *l, const char *condition, const char *precision, size_t limit) {

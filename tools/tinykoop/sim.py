@@ -500,7 +500,8 @@ class Estimator:
 
     dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: none, ef,
     dz_cs, dz_ks, ct, sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
-    gate: replays learn through the gate, with its defaults. check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
+    check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
+    gate: replays learn through the gate, with its defaults.
     """
 
     def __init__(self, dictionary, regulator, precision, *, form="plain", n_inputs=2, lam=0.98, p0=100.0,

@@ -109,6 +109,7 @@ static GLUE int plain_limits(const KOOP(rls) *rls, const KOOP(step) *step, real 
 		if (!is_finite(trace)) { return KOOP_E_OVERFLOW; }
 		if (!(trace > 0)) { return KOOP_E_INDEFINITE; }
 		*scale = step->trace / trace;
+		if (!(*scale >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
 	}
 	/* without a look at all of M, as long as the bound is far from overflow */
 	*bound = rls->covariance_bound + growth;
@@ -153,7 +154,8 @@ static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomin
 	const real least = least_diagonal(rls, &change, &trace);
 	const int status = plain_limits(rls, step, trace, growth, &scale, &bound);
 	if (status != KOOP_OK) { return status; }
-	const int positive_definite = least > 0 && least * scale > 0 && /* the product may underflow */
+	/* not below REAL_MIN, which is 0 to the vectors of some processors */
+	const int positive_definite = least >= REAL_MIN && least * scale >= REAL_MIN &&
 	                              (rls->config.check == KOOP_CHECK_DIAGONAL || factors(rls, &change));
 	if (!positive_definite && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }
 

@@ -88,6 +88,17 @@ static KERNEL void carlson(real *restrict S, const real *restrict f, real *restr
 	}
 }
 
+/* Whether the trace can be brought to what it is to be. An update without scale lowers it, by no more than
+ * noise / denominator: neither it nor the factor that restores it may leave the range, nor take the least
+ * element of the diagonal out of it. Below REAL_MIN / REAL_EPSILON squares that underflow would be missed. */
+static int sqrt_trace_limits(const KOOP(step) *step, real trace, real denominator, real least) {
+	const real wanted = step->trace / trace;
+	if (!(trace < REAL_MAX)) { return KOOP_E_OVERFLOW; }
+	if (!(wanted * (denominator / step->noise) < REAL_MAX)) { return KOOP_E_OVERFLOW; }
+	if (!(trace * (step->noise / denominator) >= REAL_MIN / REAL_EPSILON)) { return KOOP_E_INDEFINITE; }
+	return least * MATH(sqrt)(wanted) >= REAL_MIN ? KOOP_OK : KOOP_E_INDEFINITE;
+}
+
 /* The new bound of S's elements, or why the update cannot be; S is not touched. No row of S grows by
  * more than `growth`, and no diagonal element shrinks by more than noise / denominator. */
 static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real denominator, real growth,
@@ -106,14 +117,7 @@ static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real d
 	}
 	least *= MATH(sqrt)(step->noise / denominator);
 	if (!(least >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
-	if (step->trace > 0) {
-		/* an update without scale lowers the trace, by no more than noise / denominator:
-		 * neither it nor the factor that restores it may leave the range, nor take the diagonal out of it */
-		const real trace = dot(S, S, size);
-		if (!(trace < REAL_MAX)) { return KOOP_E_OVERFLOW; }
-		if (!(step->trace / trace * (denominator / step->noise) < REAL_MAX)) { return KOOP_E_OVERFLOW; }
-		if (!(least * MATH(sqrt)(step->trace / trace) >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
-	}
+	if (step->trace > 0) { return sqrt_trace_limits(step, dot(S, S, size), denominator, least); }
 	return KOOP_OK;
 }
 

@@ -336,7 +336,7 @@ static void test_forgetting_factor_lost_in_the_denominator(void) {
 /* A constant trace so far below that of P that to scale P to it would leave nothing. */
 static void test_trace_far_below_that_of_the_covariance(void) {
 	for (int f = 0; f < FORMS; f++) {
-		const double trace = 1e4 * (double)REAL_MIN; /* Helium's vectors know no denormal numbers */
+		const double trace = 1e4 * (double)(REAL_MIN / REAL_EPSILON); /* squares of the root count */
 		start(&KOOP(reg_ct), all_forms[f], 0.95, trace);
 		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, REAL_MAX / 16));
 		check_refused(KOOP_E_INDEFINITE, 0);
@@ -344,6 +344,29 @@ static void test_trace_far_below_that_of_the_covariance(void) {
 		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, (real)trace));
 		const real zeta[D] = {1}, psi_next[N] = {1};
 		CHECK_STATUS(KOOP_OK, estimator_update(&seen, zeta, psi_next, NULL));
+	}
+}
+
+/* A trace near the bottom of the range, once all of it lies along a regressor that is then excited: the
+ * squares of the root that is left underflow. The fuzzer found it: P became NaN. */
+static void test_trace_that_underflows(void) {
+	for (int f = 0; f < FORMS; f++) {
+		for (int exponent = ilogb((double)REAL_MAX); exponent > 0; exponent--) {
+			start(&KOOP(reg_ct), all_forms[f], 0.95, (double)REAL_MIN);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, (real)((double)REAL_MIN * 1e3)));
+			for (int i = D; i-- > 0;) {
+				real zeta[D] = {0};
+				const real psi_next[N] = {0};
+				zeta[i] = (real)ldexp(1, exponent);
+				for (int k = 0; k < 5; k++) {
+					learned now;
+					const int status = estimator_update(&seen, zeta, psi_next, NULL);
+					learned_take(&now, &seen);
+					CHECK(learned_is_finite(&now, &seen), "%s, regressor %d of 2^%d: status %d",
+					      estimator_name(&seen), i, exponent, status);
+				}
+			}
+		}
 	}
 }
 
@@ -409,6 +432,7 @@ int main(void) {
 	RUN_TEST(test_covariance_that_outgrows_the_range);
 	RUN_TEST(test_forgetting_factor_lost_in_the_denominator);
 	RUN_TEST(test_trace_far_below_that_of_the_covariance);
+	RUN_TEST(test_trace_that_underflows);
 	RUN_TEST(test_trace_that_is_negative);
 	RUN_TEST(test_information_does_not_underflow);
 	RUN_TEST(test_reset_clears_the_report);

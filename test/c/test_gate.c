@@ -234,6 +234,17 @@ static void test_little_left_of_a_fault(void) {
 	CHECK(error_on(1) < 1.5 * before, "%g, was %g", error_on(1), before);
 }
 
+/* Nor does what each of many faults leaves behind add up where nothing is forgotten. */
+static void test_little_left_of_many_faults(void) {
+	start_learned(&KOOP(reg_none), &KOOP(form_sqrt));
+	drive(1, NOISE, 5000);
+	for (int fault = 0; fault < 100; fault++) {
+		drive(0.95, NOISE, 40);
+		drive(1, NOISE, 10 * WINDOW);
+	}
+	CHECK(error_on(1) < NOISE / 2, "%g", error_on(1));
+}
+
 /* A change that lasts is believed: what was known before does not come back. */
 static void test_hold(void) {
 	for (int longer = 0; longer < 2; longer++) {
@@ -489,6 +500,7 @@ int main(void) {
 	RUN_TEST(test_what_comes_back);
 	RUN_TEST(test_small_fault_leaves_no_trace);
 	RUN_TEST(test_little_left_of_a_fault);
+	RUN_TEST(test_little_left_of_many_faults);
 	RUN_TEST(test_hold);
 	RUN_TEST(test_loaded_model_is_saved);
 	RUN_TEST(test_saved);

@@ -8,11 +8,11 @@
 #define GATE_MULTIPLE 5
 #define GATE_PATIENCE 5
 #define GATE_HOLD 1000
-#define GATE_MEMORY 5000               /* samples in the mean squares */
-#define GATE_WINDOW 4                  /* regressors times this: samples that a model is judged by */
-#define GATE_CONSISTENT ((real)1.5)    /* times the usual mean square, at most */
-#define GATE_BETTER ((real)1.2)        /* times smaller than the learner's */
-#define GATE_BETTER_AFTER ((real)1.05) /* the same, once a fault is over: little by little would add up */
+#define GATE_MEMORY 5000              /* samples in the mean squares */
+#define GATE_WINDOW 4                 /* regressors times this: samples that a model is judged by */
+#define GATE_CONSISTENT ((real)1.5)   /* times the usual mean square, at most */
+#define GATE_BETTER ((real)1.05)      /* times smaller than the learner's: little by little would add up */
+#define GATE_BETTER_AGAIN ((real)1.2) /* likewise, where it has come back already */
 #define GATE_MOST ((size_t)-1 / 2)
 
 static COLD int gate_config_check(const KOOP(gate_config) *c) {
@@ -156,12 +156,10 @@ static COLD void gate_restore(KOOP(gate) *gate, KOOP(rls) *rls, int lost) {
 	gate->restored++;
 }
 
-/* Whether what is saved has done better than the learner, which predicts worse than usual or has gone through
- * what may be a fault: clearly better, or but a little once that is over. */
+/* Whether what is saved has done better, and the learner worse than usual or through what may be a fault. */
 static COLD int gate_regrets(const KOOP(gate) *gate) {
-	const int over = gate->doubted > 0 && !gate->spent && gate_is_consistent(gate, gate->saved_strain);
 	const int suspect = gate->doubted > 0 || !gate_is_consistent(gate, gate->strain);
-	return suspect && (over ? GATE_BETTER_AFTER : GATE_BETTER) * gate->saved_strain < gate->strain;
+	return suspect && (gate->spent ? GATE_BETTER_AGAIN : GATE_BETTER) * gate->saved_strain < gate->strain;
 }
 
 /* At the end of a window. */

@@ -1,4 +1,5 @@
-/* One test source, two precisions: TEST_DOUBLE = 0 tests koopf_, 1 tests koopd_. */
+/* One test source, two precisions: TEST_DOUBLE = 0 tests koopf_, 1 tests koopd_.
+ * Random campaigns are divided by TEST_SHARE where the processor is emulated. */
 #ifndef PRECISION_H
 #define PRECISION_H
 

@@ -3,7 +3,7 @@
  * wrong unit does. */
 #include "support.h"
 
-enum { ESTIMATORS = 20000, SAMPLES = 40, MOST_N = 8, MOST_M = 2, MOST_D = MOST_N + MOST_M };
+enum { ESTIMATORS = 20000 / TEST_SHARE, SAMPLES = 40, MOST_N = 8, MOST_M = 2, MOST_D = MOST_N + MOST_M };
 
 static random_source random;
 static estimator e;

@@ -35,7 +35,6 @@ LEFT_OUT = (
     (".*", "mpc_random_.*", "a campaign of 30,000 solves, minutes under emulation; in double its arrays exceed the M4F's RAM"),
     (".*", "elementary_koopd", "holds against long double, which is no wider than double there, or computed in software"),
     ("(?!cortex-m7)", "guard_koopf", "dozens of closed loops, a minute or more: run on one target"),
-    ("(?!cortex-m55)", "extremes_.*", "millions of samples: run where vectors take what is below the normal range for 0"),
     ("rv32imafc", "gate_koopf", "hundreds of thousands of samples, two minutes"),
     (".*", "guard_koopd", "likewise, and the code is guard_koopf's"),
     ("rv32imafc", "long_run_koopf", "compares with long double, which is of 128 bits and computed in software: minutes"),

@@ -1,5 +1,4 @@
-/* One test source, two precisions: TEST_DOUBLE = 0 tests koopf_, 1 tests koopd_.
- * Random campaigns are divided by TEST_SHARE where the processor is emulated. */
+/* One test source, two precisions: TEST_DOUBLE = 0 tests koopf_, 1 tests koopd_. */
 #ifndef PRECISION_H
 #define PRECISION_H
 
@@ -24,6 +23,11 @@ typedef float real;
 #define REAL_MAX FLT_MAX
 #define REAL_MIN FLT_MIN
 #define MODEL_BYTES(N, m) KOOPF_MODEL_BYTES(N, m)
+#endif
+
+/* Random campaigns are divided by it where the processor is emulated. */
+#ifndef TEST_SHARE
+#define TEST_SHARE 1
 #endif
 
 /* What the tests compute in on their own, so that their rounding does not count. */

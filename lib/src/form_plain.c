@@ -109,7 +109,7 @@ static GLUE int plain_limits(const KOOP(rls) *rls, const KOOP(step) *step, real 
 		if (!is_finite(trace)) { return KOOP_E_OVERFLOW; }
 		if (!(trace > 0)) { return KOOP_E_INDEFINITE; }
 		*scale = step->trace / trace;
-		if (!(*scale >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
+		if (!(*scale >= REAL_MIN)) { return KOOP_E_INDEFINITE; } /* less is 0 to vectors of some processors */
 	}
 	/* without a look at all of M, as long as the bound is far from overflow */
 	*bound = rls->covariance_bound + growth;
@@ -154,7 +154,6 @@ static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomin
 	const real least = least_diagonal(rls, &change, &trace);
 	const int status = plain_limits(rls, step, trace, growth, &scale, &bound);
 	if (status != KOOP_OK) { return status; }
-	/* not below REAL_MIN, which is 0 to the vectors of some processors */
 	const int positive_definite = least >= REAL_MIN && least * scale >= REAL_MIN &&
 	                              (rls->config.check == KOOP_CHECK_DIAGONAL || factors(rls, &change));
 	if (!positive_definite && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }

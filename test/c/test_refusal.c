@@ -352,8 +352,8 @@ static void test_trace_far_below_that_of_the_covariance(void) {
 static void test_trace_that_underflows(void) {
 	for (int f = 0; f < FORMS; f++) {
 		for (int exponent = ilogb((double)REAL_MAX); exponent > 0; exponent--) {
-			start(&KOOP(reg_ct), all_forms[f], 0.95, (double)REAL_MIN);
-			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, (real)((double)REAL_MIN * 1e3)));
+			start(&KOOP(reg_ct), all_forms[f], 0.95, 1e4 * (double)(REAL_MIN / REAL_EPSILON));
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, seen.rls.config.tau0));
 			for (int i = D; i-- > 0;) {
 				real zeta[D] = {0};
 				const real psi_next[N] = {0};

@@ -231,10 +231,10 @@ COLD int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 
 COLD int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
 	if (!rls || !rls->theta || !theta) { return KOOP_E_NULL; }
-	const size_t size = rls->n_regressors * rls->n_lifted_padded;
+	const size_t padded = rls->n_lifted_padded, size = rls->n_regressors * padded;
 	if (!all_finite(theta, size)) { return KOOP_E_INPUT; }
-	for (size_t i = 0; i < size; i++) { rls->theta[i] = theta[i]; }
-	rls->theta_bound = max_abs(theta, size);
+	for (size_t i = 0; i < size; i++) { rls->theta[i] = i % padded < rls->n_lifted ? theta[i] : 0; }
+	rls->theta_bound = max_abs(rls->theta, size);
 	return KOOP_OK;
 }
 

@@ -55,6 +55,23 @@ static void test_theta_of_another_estimator(void) {
 	TEST_ASSERT_EQUAL_MEMORY(theta, back, sizeof theta);
 }
 
+/* What stands in the padding of a copied Theta is not learned on: the fuzzer found that it grew until the
+ * gate could not bring Theta back. */
+static void test_padding_of_a_copy_is_zero(void) {
+	random_source random = random_seed(23);
+	real theta[3 * 4];
+	estimator_default(&e, 1, 2, &KOOP(reg_ef), &KOOP(form_sqrt));
+	TEST_ASSERT_EQUAL_size_t(4, e.rls.n_lifted_padded);
+	random_fill(&random, theta, 3 * 4, 1, 2);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&e.rls, theta));
+	for (int k = 0; k < 10; k++) {
+		real zeta[3];
+		random_fill(&random, zeta, 3, -1, 1);
+		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, zeta, NULL));
+		for (int i = 0; i < 3 * 4; i++) { TEST_ASSERT_TRUE(i % 4 == 0 || fabs((double)e.rls.theta[i]) <= 0); }
+	}
+}
+
 static void test_theta_that_is_not_finite_is_refused(void) {
 	const double values[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
 	real theta[N * D] = {0};
@@ -227,6 +244,7 @@ int main(void) {
 	RUN_TEST(test_starts_from_nothing);
 	RUN_TEST(test_theta_round_trip);
 	RUN_TEST(test_theta_of_another_estimator);
+	RUN_TEST(test_padding_of_a_copy_is_zero);
 	RUN_TEST(test_theta_that_is_not_finite_is_refused);
 	RUN_TEST(test_predicts_theta_times_zeta);
 	RUN_TEST(test_prediction_refuses);

@@ -231,9 +231,9 @@ COLD int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 
 COLD int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
 	if (!rls || !rls->theta || !theta) { return KOOP_E_NULL; }
-	const size_t padded = rls->n_lifted_padded, size = rls->n_regressors * padded;
+	const size_t row = rls->n_lifted_padded, size = rls->n_regressors * row;
 	if (!all_finite(theta, size)) { return KOOP_E_INPUT; }
-	for (size_t i = 0; i < size; i++) { rls->theta[i] = i % padded < rls->n_lifted ? theta[i] : 0; }
+	for (size_t i = 0; i < size; i++) { rls->theta[i] = i % row < rls->n_lifted ? theta[i] : 0; }
 	rls->theta_bound = max_abs(rls->theta, size);
 	return KOOP_OK;
 }

@@ -90,12 +90,13 @@ static KERNEL void carlson(real *restrict S, const real *restrict f, real *restr
 
 /* Whether the trace can be brought to what it is to be. An update without scale lowers it, by no more than
  * noise / denominator: neither it nor the factor that restores it may leave the range, nor take the least
- * element of the diagonal out of it. Below REAL_MIN / REAL_EPSILON squares that underflow would be missed. */
-static int sqrt_trace_limits(const KOOP(step) *step, real trace, real denominator, real least) {
+ * element of the diagonal out of it. Of `size` squares those below REAL_MIN may be missed in the sum, which
+ * then still has three quarters of the trace. */
+static int sqrt_trace_limits(const KOOP(step) *step, real trace, size_t size, real denominator, real least) {
 	const real wanted = step->trace / trace;
 	if (!(trace < REAL_MAX)) { return KOOP_E_OVERFLOW; }
 	if (!(wanted * (denominator / step->noise) < REAL_MAX)) { return KOOP_E_OVERFLOW; }
-	if (!(trace * (step->noise / denominator) >= REAL_MIN / REAL_EPSILON)) { return KOOP_E_INDEFINITE; }
+	if (!(trace * (step->noise / denominator) >= 4 * (real)size * REAL_MIN)) { return KOOP_E_INDEFINITE; }
 	return least * MATH(sqrt)(wanted) >= REAL_MIN ? KOOP_OK : KOOP_E_INDEFINITE;
 }
 
@@ -117,7 +118,7 @@ static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real d
 	}
 	least *= MATH(sqrt)(step->noise / denominator);
 	if (!(least >= REAL_MIN)) { return KOOP_E_INDEFINITE; }
-	if (step->trace > 0) { return sqrt_trace_limits(step, dot(S, S, size), denominator, least); }
+	if (step->trace > 0) { return sqrt_trace_limits(step, dot(S, S, size), size, denominator, least); }
 	return KOOP_OK;
 }
 

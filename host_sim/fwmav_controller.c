@@ -6,16 +6,6 @@
 
 /* ---- Attitude estimate ---------------------------------------------------------- */
 
-static void angles(estimate *e) {
-	double R[3][3];
-	quaternion_to_matrix(e->q, R);
-	e->pitch = asin(fmax(-1, fmin(1, -R[2][0])));
-	e->roll = atan2(R[2][1], R[2][2]);
-	e->yaw = atan2(R[1][0], R[0][0]);
-	const double c = cos(e->pitch);
-	e->yaw_rate = (sin(e->roll) * e->rate[1] + cos(e->roll) * e->rate[2]) / fmax(c, 0.01);
-}
-
 void estimate_set(estimate *e, double pitch, double roll, double yaw) {
 	const double cp = cos(0.5 * pitch), sp = sin(0.5 * pitch), cr = cos(0.5 * roll), sr = sin(0.5 * roll);
 	const double cy = cos(0.5 * yaw), sy = sin(0.5 * yaw);
@@ -44,7 +34,16 @@ void estimate_step(estimate *e, const double *gyro, const double *felt, double d
 	quaternion_derivative(e->q, turn, slope);
 	for (size_t i = 0; i < 4; i++) { e->q[i] += dt * slope[i]; }
 	quaternion_normalise(e->q);
-	angles(e);
+}
+
+void estimate_angles(estimate *e) {
+	double R[3][3];
+	quaternion_to_matrix(e->q, R);
+	e->pitch = asin(fmax(-1, fmin(1, -R[2][0])));
+	e->roll = atan2(R[2][1], R[2][2]);
+	e->yaw = atan2(R[1][0], R[0][0]);
+	const double c = cos(e->pitch);
+	e->yaw_rate = (sin(e->roll) * e->rate[1] + cos(e->roll) * e->rate[2]) / fmax(c, 0.01);
 }
 
 /* ---- Loops ---------------------------------------------------------------------- */
@@ -65,7 +64,7 @@ static double limited(double value, double most) {
 }
 
 double loop_step(loop *l, double asked, double angle, double rate, double dt) {
-	const double off = remainder(asked - angle, FWMAV_TURN);
+	const double off = fwmav_wrapped(asked - angle);
 	l->rate += (1 - exp(-FWMAV_TURN * l->cutoff * dt)) * (rate - l->rate);
 	l->sum = limited(l->sum + l->i * off * dt, 0.5 * l->most);
 	return limited(l->p * off + l->sum - l->d * l->rate, l->most);

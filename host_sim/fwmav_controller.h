@@ -14,8 +14,10 @@ typedef struct estimate {
 /* Sets the attitude from its angles (rad). */
 void estimate_set(estimate *e, double pitch, double roll, double yaw);
 /* One step of dt (s) from gyro (rad/s) and the direction in which the accelerometer feels the
- * vertical: its reading over that reading's norm. */
+ * vertical: its reading over that reading's norm. The angles stay as they were. */
 void estimate_step(estimate *e, const double *gyro, const double *felt, double dt);
+/* Brings pitch, roll, yaw and yaw rate up to date. */
+void estimate_angles(estimate *e);
 
 /* PID of one axis on the attitude, the rate through a first-order low-pass. */
 typedef struct loop {

@@ -118,6 +118,7 @@ static void sense(flight *f, const fwmav_signal *signal) {
 	const double *a = f->imu + 3, norm = fmax(sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]), 1e-9);
 	const double felt_up[3] = {a[0] / norm, a[1] / norm, a[2] / norm};
 	estimate_step(&f->estimate, f->imu, felt_up, DT);
+	estimate_angles(&f->estimate);
 }
 
 static void steer(flight *f, fwmav_signal *signal) {

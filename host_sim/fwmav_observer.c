@@ -55,19 +55,19 @@ static void ask(follower *f, loop *loops, size_t k, const double *target) {
 	static const int about[SERVOS] = {[DIHEDRAL] = 1, [TWIST] = 2, [SHARE] = 0};
 	const tk_flown *log = f->log;
 	const int axis = log->yaw ? TWIST : DIHEDRAL;
-	double here[3], there[3];
+	double here[3], there[3], turn[3];
 	attitude(log, k, here);
 	attitude(log, k + 1, there);
+	for (int a = 0; a < 3; a++) { turn[a] = fwmav_wrapped(there[a] - here[a]); }
 	for (size_t j = 0; j < f->ticks; j++) {
 		const double share = (double)j / (double)f->ticks;
 		const size_t tick = k * f->ticks + j;
 		fwmav_signal signal = fwmav_signal_at(&f->effects, (double)tick * f->dt, f->dt);
 		for (int i = 0; i < SERVOS; i++) {
 			const int a = about[i];
-			const double turn = remainder(there[a] - here[a], FWMAV_TURN);
-			signal.servo[i] =
-			    i == axis ? (1 - share) * log->u[k] + share * log->u[k + 1]
-			              : loop_step(&loops[i], target[a], here[a] + share * turn, turn / log->dt, f->dt);
+			signal.servo[i] = i == axis ? (1 - share) * log->u[k] + share * log->u[k + 1]
+			                            : loop_step(&loops[i], target[a], here[a] + share * turn[a],
+			                                        turn[a] / log->dt, f->dt);
 		}
 		fwmav_command(&f->effects, axis, &signal);
 		memcpy(f->asked[tick], signal.servo, sizeof signal.servo);
@@ -131,6 +131,7 @@ static void advance(const follower *f, size_t k, observed *o, double *sensed) {
 		for (size_t i = 0; i < 3; i++) { up[i] = imu[3 + i] / f->felt; }
 		estimate_step(&o->estimate, imu, up, f->dt);
 	}
+	estimate_angles(&o->estimate);
 	memcpy(sensed, imu, sizeof imu);
 	sensed[6] = o->estimate.roll;
 	sensed[7] = o->estimate.pitch;
@@ -142,7 +143,7 @@ static void correct(follower *f, size_t k, const double *predicted) {
 	double missed[TK_FWMAV_SENSED], change[TK_FWMAV_CORRECTED] = {0}, angles[3], R[3][3], turn[4];
 	attitude(f->log, k, angles);
 	for (size_t i = 0; i < 6; i++) { missed[i] = x[i] - predicted[i]; }
-	for (size_t i = 6; i < 9; i++) { missed[i] = remainder(angles[i - 6] - predicted[i], FWMAV_TURN); }
+	for (size_t i = 6; i < 9; i++) { missed[i] = fwmav_wrapped(angles[i - 6] - predicted[i]); }
 	for (size_t i = 0; i < TK_FWMAV_CORRECTED; i++) {
 		for (size_t j = 0; j < TK_FWMAV_SENSED; j++) {
 			change[i] += f->log->gain[i * TK_FWMAV_SENSED + j] * missed[j];

@@ -136,7 +136,7 @@ def test_whitener_undoes_a_vector_autoregression():
 
 def test_sensor_bias_of_usual_size_counts_little():
     """The covariance with a bias taken in, against what it is by definition."""
-    log, healthy = sim.fwmav("hover", 8, 5)[0], simulated()
+    log, healthy = sim.fwmav("hover", 5, 5)[0], simulated()
     pieces = Innovations(vehicle.Fwmav(), log, healthy.whitener)
     U, shrunk = pieces._own, pieces._shrunk
     s2 = 1 / (1 - shrunk) ** 2 - 1

@@ -82,50 +82,49 @@ def dependence(name):
 
 
 def integrate(pieces, values, channels):
-    """Residuals (C, S, L, 3) that a velocity error values[k] (m/s, rad/s) in each of `channels` makes."""
+    """Residuals (F, S, L, 3) that velocity errors values (F, K) (m/s, rad/s) make, each in its channel of `channels` (F)."""
     rows, dt = pieces.rows, pieces.log.dt
     x0 = pieces.start_pose
     heading = pieces.log.x[rows][..., 2] - x0[:, None, 2]
+    c, s = np.cos(heading), np.sin(heading)
     # in the start's axes: the way already gone, by measurement
     across, along = -pieces.turns[..., 0, 2], pieces.turns[..., 1, 2]
-    step = values[rows] * dt * pieces.inside
-    step[:, -1] = 0
-    c, s = np.cos(heading), np.sin(heading)
-    out = np.zeros((len(channels), *rows.shape, 3))
+    d_across, d_along = (np.diff(way, axis=1, append=way[:, -1:]) for way in (across, along))
+    going_on = pieces.inside * dt
+    going_on[:, -1] = 0
+    out = np.zeros((len(values), *rows.shape, 3))
 
     def summed(increments):
         total = np.zeros_like(increments)
-        np.cumsum(increments[:, :-1], axis=1, out=total[:, 1:])
+        np.cumsum(increments[..., :-1], axis=-1, out=total[..., 1:])
         return total
 
-    for i, channel in enumerate(channels):
+    for channel in range(3):
+        chosen = np.asarray(channels) == channel
+        step = values[chosen][:, rows] * going_on
         if channel == 0:
-            out[i, ..., 0], out[i, ..., 1] = summed(step * c), summed(step * s)
+            moved = summed(step * c), summed(step * s), 0
         elif channel == 1:
-            out[i, ..., 0], out[i, ..., 1] = summed(-step * s), summed(step * c)
+            moved = summed(-step * s), summed(step * c), 0
         else:
             turn = summed(step)
-            d_along, d_across = (
-                np.diff(along, axis=1, append=along[:, -1:]),
-                np.diff(across, axis=1, append=across[:, -1:]),
-            )
             middle = turn + 0.5 * step
-            out[i, ..., 0], out[i, ..., 1] = summed(-middle * d_across), summed(middle * d_along)
-            out[i, ..., 2] = turn
-    out[..., ~pieces.inside, :] = 0
+            moved = summed(-middle * d_across), summed(middle * d_along), turn
+        for axis, part in enumerate(moved):
+            out[chosen, ..., axis] = np.where(pieces.inside, part, 0)
     return out
 
 
 def raw_columns(pieces):
     """Names [(feature, channel)] and columns (F, S, L, 3), not whitened."""
-    names, stack = [], []
+    names, used = [], []
     u = pieces.platform.commands(pieces.log.u)
     for name, (values, channels) in functions(u, pieces.log.x, pieces.log.dt).items():
         values = _scaled(values)
         if values.any() and ROWS_EACH * (len(names) + len(channels)) <= max(pieces.degrees, LEAST):
-            stack.append(integrate(pieces, values, channels))
+            used.extend(values for _ in channels)
             names.extend((name, channel) for channel in channels)
-    return names, np.concatenate(stack)
+    return names, integrate(pieces, np.array(used), [channel for _, channel in names])
 
 
 class _Basis:

@@ -28,7 +28,7 @@ def third_differences(log):
 
 
 def _restricted(r, nuisance, columns, inside):
-    """(-2 log restricted likelihood, variance) of AR(1) noise as a function of rho.
+    """(-2 log restricted likelihood but for a constant, variance) of AR(1) noise as a function of rho.
 
     r (S, L, c): c series of the same noise in each piece; nuisance (S, L, c, k): what is free in every
     piece; columns (F, S, L, c): what the generic model may take away.
@@ -37,29 +37,46 @@ def _restricted(r, nuisance, columns, inside):
     size = np.sqrt((columns**2).sum((1, 2, 3)))
     columns = columns[size > 1e-9] / size[size > 1e-9, None, None, None]
     count = c * int(inside.sum())
-    mask = inside[..., None]
+    free = np.linalg.qr((nuisance * inside[..., None, None]).reshape(S, L * c, k))[0].swapaxes(1, 2)
+    rest = np.moveaxis(np.concatenate([columns, r[None]]) * inside[..., None], 0, 1).reshape(S, -1, L * c)
+    # taken away before rho is known: squares of what remains keep their digits
+    rest -= (rest @ free.swapaxes(1, 2)) @ free
+    free, rest = (a.reshape(S, -1, L, c) for a in (free, rest))
+    free_free, free_rest = _lagged(free, free, inside), _lagged(free, rest, inside)
+    rest_rest = [products.sum(0) for products in _lagged(rest, rest, inside)]
 
     def at(rho):
-        def white(a):
-            e = a.copy()
-            e[..., 1:, :] -= rho * a[..., :-1, :]
-            e[..., 1:, :] /= np.sqrt(1 - rho**2)
-            return (e * mask).reshape(*e.shape[:-2], L * c)
+        def white(products):
+            first, now, across, before = products
+            return first + (now - rho * across + rho**2 * before) / (1 - rho**2)
 
-        e, X = white(r), white(columns)
-        q, upper = np.linalg.qr(np.moveaxis(white(np.moveaxis(nuisance, -1, 0)), 0, -1))
-        project = lambda a: a - (q @ (np.swapaxes(q, 1, 2) @ a[..., None]))[..., 0]  # noqa: E731
-        e, X = project(e).ravel(), project(X).reshape(len(X), -1)
-        values, vectors = np.linalg.eigh(X @ X.T)
+        lower = np.linalg.cholesky(white(free_free))
+        taken = np.linalg.solve(lower, white(free_rest)).reshape(-1, rest.shape[1])
+        left = white(rest_rest) - taken.T @ taken
+        values, vectors = np.linalg.eigh(left[:-1, :-1])
         good = values > features.INDEPENDENT * max(values[-1], 1e-30) if len(values) else np.zeros(0, bool)
-        taken = (vectors[:, good].T @ (X @ e)) ** 2 / values[good]
-        free = max(count - k * S - good.sum(), 1)
-        variance = max(e @ e - taken.sum(), 0) / free + 1e-300
+        gains = (vectors[:, good].T @ left[:-1, -1]) ** 2 / values[good]
+        degrees = max(count - k * S - good.sum(), 1)
+        variance = max(left[-1, -1] - gains.sum(), 0) / degrees + 1e-300
         log_det = np.log(1 - rho**2) * (count - c * S) + np.log(values[good]).sum()
-        log_det += 2 * np.log(np.abs(np.diagonal(upper, axis1=1, axis2=2)) + 1e-300).sum()
-        return free * np.log(variance) + log_det, variance
+        log_det += 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum()
+        return degrees * np.log(variance) + log_det, variance
 
     return at
+
+
+def _lagged(a, b, inside):
+    """Sums over the rows of each piece, (S, p, q), that make the products of whitened a (S, p, L, c) and b (S, q, L, c) at any rho.
+
+    Of the first row; of rows with rows; of rows with those before, either way; of those before with those before.
+    """
+    follows = inside[:, None, 1:, None]
+
+    def products(a, b):
+        return a.reshape(*a.shape[:2], -1) @ b.reshape(*b.shape[:2], -1).swapaxes(1, 2)
+
+    first, now, before = zip(*((v[:, :, :1], v[:, :, 1:], v[:, :, :-1] * follows) for v in (a, b)))
+    return products(*first), products(*now), products(now[0], before[1]) + products(before[0], now[1]), products(*before)
 
 
 def _ar1(r, nuisance, columns, inside):

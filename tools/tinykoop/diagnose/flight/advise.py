@@ -1,5 +1,7 @@
 """The flight that would settle what a log leaves open."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from ... import sim
@@ -36,12 +38,21 @@ def advise(search, healthy, pairs, hidden):
 
 def _separation(healthy, manoeuvre, cause, rival):
     """Of a simulated flight with this effect: by how much the rival, or nothing, explains it worse than the effect itself."""
-    try:
-        log, _ = sim.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *cause.active()])
-    except UserError:  # it tumbles
+    pieces = _flown(healthy, manoeuvre, cause)
+    if pieces is None:
         return 0.0
-    fitter = FlightSearch.fitter_type(Innovations(Fwmav(), log, healthy.whitener, healthy.base))
+    fitter = FlightSearch.fitter_type(pieces)
     other = fitter.fit_of(())
     if rival:
         other = fitter.refine(fitter.scan(rival, other)[0], steps=4)
-    return float(np.sqrt(max(other.cost - fitter.fit_of((cause,)).cost, 0) / len(log.x)))
+    return float(np.sqrt(max(other.cost - fitter.fit_of((cause,)).cost, 0) / len(pieces.log.x)))
+
+
+@lru_cache(maxsize=32)
+def _flown(healthy, manoeuvre, cause):
+    """The Innovations of a simulated flight with this effect; None if it tumbles."""
+    try:
+        log, _ = sim.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *cause.active()])
+    except UserError:
+        return None
+    return Innovations(Fwmav(), log, healthy.whitener, healthy.base)

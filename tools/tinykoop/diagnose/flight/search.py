@@ -5,6 +5,7 @@ effect, piece by piece, tells in which stretch it would be worth most without an
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,11 +18,20 @@ ROUNDS = 3
 FEWEST = 2  # pieces of a stretch
 LOOKED_FOR, MARKED = 1.0, 0.5  # prices, on top, of an edge; of an effect that shows for a moment only
 MARK = 1.5  # s, of what shows when an effect sets in
+KEPT = 6.4e7  # bytes of residuals that are not worked out again
 STRIDES = (1.0, 0.4, 0.15, 0.06, 0.02)  # s, by which the edges of a stretch are moved
 
 
 class FlightFitter(Fitter):
-    """A Fitter of effects without thresholds: no scan."""
+    """A Fitter of effects without thresholds: no scan. Its pieces stay as they are, so what was left once is left again."""
+
+    def __init__(self, pieces, without=()):
+        super().__init__(pieces, without)
+        self._left = lru_cache(maxsize=int(KEPT / (8 * max(pieces.degrees, 1))))(super().left)
+
+    def left(self, causes):
+        """Whitened residual (n)."""
+        return self._left(tuple(causes))
 
     def rays(self, name):
         """The effect with nothing set, and the one vector to begin with, in usual values."""

@@ -44,7 +44,7 @@ demo: build ## the main job: eleven methods learn and control the DDR, precision
 
 test: build c-tests ## every test that needs no cross toolchain
 	@ctest --test-dir $(BUILD)/test --output-on-failure -j $(JOBS)
-	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -q -rs -n $(JOBS) --dist loadfile test/python
+	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) --dist loadfile test/python
 
 c-tests: system
 	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF
@@ -67,7 +67,7 @@ windup: build ## float32 against float64 for every dictionary, regulator and for
 
 diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, PLATFORM=ddr or fwmav): diagnose/report.json, report.html
 	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [PLATFORM=fwmav]" >&2; exit 2; }
-	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(PLATFORM),--platform "$(PLATFORM)")
+	@$(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(PLATFORM),--platform "$(PLATFORM)")
 
 # What the blind check needs beside the diagnoser: its peers, and a way to all cores.
 $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
@@ -76,18 +76,18 @@ $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $
 	@touch $@
 
 blind: build $(VENV)/blind-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=, PLATFORM=fwmav): blind.json
-	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
+	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
 
 study: build ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
-	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")
+	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")
 
 guard: build ## 200 random closed-loop runs, guarded against unguarded: guard.json
-	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) guard
+	@$(TINYKOOP) guard
 
 bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..: bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/bench -j $(JOBS)
-	@OPENBLAS_NUM_THREADS=1 $(TINYKOOP) bench
+	@$(TINYKOOP) bench
 
 targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts (UPDATE=1 takes them over): footprint.json
 	@$(TINYKOOP) targets $(if $(UPDATE),--update)

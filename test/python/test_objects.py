@@ -1,11 +1,14 @@
 """What the compiled library promises, read from its object files: no warnings, no heap, no writable data,
 no double arithmetic in float32, no recursion, bounded stack, and only its own names."""
 
+import os
 import platform
 import re
 import shutil
 import subprocess
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -19,6 +22,9 @@ STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow
 # what distributions switch on by themselves, off: it adds symbols that a microcontroller does not have
 BARE = ["-fno-pie", "-fno-stack-protector", "-U_FORTIFY_SOURCE", "-ffp-contract=off"]
 STACK = 512  # bytes that a function may take
+# what gcc notes beside an object; each function in a section of its own, so that it can be told apart
+NOTES = ["-fstack-usage", "-fcallgraph-info=su", "-ffunction-sections"]
+NO_NOTES = "this gcc has no -fcallgraph-info"
 
 MATH = ["sqrt", "sin", "cos", "exp", "atan2", "fabs"]
 MEMORY = {"memcpy", "memmove", "memset", "memcmp", "strlen"}
@@ -44,17 +50,25 @@ def run(*command):
     return done.stdout
 
 
+@lru_cache
+def notes(compiler):
+    """NOTES, where the compiler knows them."""
+    with TemporaryDirectory() as folder:
+        command = [compiler, *NOTES, "-x", "c", "-c", os.devnull, "-o", f"{folder}/nothing.o"]
+        return [] if subprocess.run(command, capture_output=True).returncode else NOTES
+
+
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """compiled(compiler, unit, *flags): path of the object file; each is compiled once."""
+    """compiled(compiler, unit, optimise): path of the object file, with gcc's notes beside it; each is compiled once."""
     known = {}
 
-    def get(compiler, unit, *flags):
-        key = (compiler, unit, *flags)
+    def get(compiler, unit, optimise):
+        key = (compiler, unit, optimise)
         if key not in known:
             out = tmp_path_factory.mktemp("objects") / f"{unit}.o"
             source = LIB / f"{unit}.c"
-            run(compiler, *STRICT, *BARE, *flags, f"-I{LIB / 'include'}", "-c", source, "-o", out)
+            run(compiler, *STRICT, *BARE, optimise, *notes(compiler), f"-I{LIB / 'include'}", "-c", source, "-o", out)
             known[key] = out
         return known[key]
 
@@ -160,7 +174,10 @@ def test_float32_computes_nothing_in_double(compiled, compiler, optimise):
 @pytest.mark.parametrize("optimise", ["-O2", "-Os"])
 @pytest.mark.parametrize("unit", UNITS)
 def test_stack_of_each_function(compiled, unit, optimise):
-    usage = compiled("gcc", unit, optimise, "-fstack-usage").with_suffix(".su").read_text().splitlines()
+    out = compiled("gcc", unit, optimise)
+    if not notes("gcc"):
+        pytest.skip(NO_NOTES)
+    usage = out.with_suffix(".su").read_text().splitlines()
     assert len(usage) > 20
     for line in usage:
         function, size, kind = line.split("\t")
@@ -174,7 +191,7 @@ def test_stack_of_each_function(compiled, unit, optimise):
 def possible_calls(source, out):
     flags = ["-fcallgraph-info", "-ffunction-sections", "-O0", f"-I{LIB / 'include'}", "-c", source, "-o", out]
     if subprocess.run(["gcc", *flags], capture_output=True).returncode:
-        pytest.skip("this gcc has no -fcallgraph-info")
+        pytest.skip(NO_NOTES)
     return calls(out.with_suffix(".ci").read_text(), held_in_tables(run("objdump", "-r", out)))
 
 
@@ -191,12 +208,11 @@ def test_no_recursion(tmp_path, unit):
 @needs["objdump"]
 @pytest.mark.parametrize("optimise", ["-O2", "-Os"])
 @pytest.mark.parametrize("unit", UNITS)
-def test_stack_of_public_calls(tmp_path, unit, optimise):
+def test_stack_of_public_calls(compiled, unit, optimise):
     """Frame by frame down to the last function called; that of libm is not counted."""
-    out = tmp_path / f"{unit}.o"
-    flags = ["-std=c99", optimise, *BARE, "-fcallgraph-info=su", "-ffunction-sections", f"-I{LIB / 'include'}"]
-    if subprocess.run(["gcc", *flags, "-c", LIB / f"{unit}.c", "-o", out], capture_output=True).returncode:
-        pytest.skip("this gcc has no -fcallgraph-info")
+    out = compiled("gcc", unit, optimise)
+    if not notes("gcc"):
+        pytest.skip(NO_NOTES)
     depths = deepest(out.with_suffix(".ci").read_text(), held_in_tables(run("objdump", "-r", out)))
     assert len(depths) > 15 and depths[f"{unit}_mpc_solve"][0] > 200
     for name, (size, path) in depths.items():

@@ -126,7 +126,7 @@ def report(delta, rollout):
 
 def draw_threshold(out, rows):
     """Error and skip rate over delta."""
-    figure, (top, bottom) = plots.plt.subplots(2, 1, figsize=(7, 5.5), sharex=True)
+    figure, (top, bottom) = plots.subplots(2, 1, figsize=(7, 5.5), sharex=True)
     figure.suptitle("A raw dead-zone threshold does not carry over between dictionaries", x=0.01, ha="left")
     for dictionary, style in (("poly", dict(color="0.55", ls="--", marker="s")), ("rbf", dict(color="k", marker="o"))):
         mine = [r for r in rows if r["dictionary"] == dictionary]
@@ -147,7 +147,7 @@ def draw_trace(out, rows):
     """27 bars a panel: error above, condition number below."""
     shades = dict(zip(LAMBDAS, ("0.9", "0.6", "0.25")))
     hatches = dict(zip(P0S, ("", "///", "xxx")))
-    figure, axes = plots.plt.subplots(2, 2, figsize=(11, 6), sharex=True)
+    figure, axes = plots.subplots(2, 2, figsize=(11, 6), sharex=True)
     figure.suptitle("Constant trace: a larger target lowers the error and worsens the conditioning", x=0.01, ha="left")
     for column, dictionary in zip(axes.T, ("poly", "rbf")):
         mine = [r for r in rows if r["dictionary"] == dictionary]
@@ -166,7 +166,7 @@ def draw_trace(out, rows):
         column[1].set_xlabel("target trace $\\tau_0$")
     axes[0, 0].set_ylabel("mean one-step error (m, rad)")
     axes[1, 0].set_ylabel("final condition number of P")
-    patch = plots.matplotlib.patches.Patch
+    patch = plots.patches().Patch
     keys = [patch(facecolor=shades[lam], edgecolor="k", label=f"$\\lambda$ = {lam:g}") for lam in LAMBDAS]
     keys += [patch(facecolor="w", edgecolor="k", hatch=hatches[p0], label=f"$P_0$ = {p0:g} I") for p0 in P0S]
     figure.legend(handles=keys, loc="outside lower center", ncols=6)
@@ -175,7 +175,7 @@ def draw_trace(out, rows):
 
 def draw_rollout(out, rows):
     """Error over the horizon, every method."""
-    figure, axes = plots.plt.subplots(1, 2, figsize=(10, 4), sharey=True)
+    figure, axes = plots.subplots(1, 2, figsize=(10, 4), sharey=True)
     figure.suptitle("Prediction error over the horizon: after 50 steps SIFt is best with both dictionaries", x=0.01, ha="left")
     for row in rows:
         method = scenario.Method(row["dictionary"], row["regulator"])

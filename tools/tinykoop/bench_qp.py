@@ -387,7 +387,7 @@ def plot_times(main, path):
     """Median time of a solve at 1e-6, cold and warm, with the 95th percentile."""
     entries = [(label, who) for label, who in _contenders(main) if main.typical(who, "cold") is not None]
     entries.sort(key=lambda entry: -main.typical(entry[1], "cold"))
-    figure, axes = plots.plt.subplots(figsize=(9, 1.2 + 0.42 * len(entries)))
+    figure, axes = plots.subplots(figsize=(9, 1.2 + 0.42 * len(entries)))
     for row, (label, who) in enumerate(entries):
         ours = isinstance(who, tuple)
         for mode, shift, hatch in (("cold", 0.2, ""), ("warm", -0.2, "////")):
@@ -407,7 +407,7 @@ def plot_times(main, path):
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(entries)), [label for label, _ in entries])
     axes.set_xlabel("us per solve, median and 95th percentile (log scale)")
-    box = plots.plt.Rectangle
+    box = plots.patches().Rectangle
     looks = [dict(fc="white"), dict(fc="white", hatch="////"), dict(fc="0.45"), dict(fc="0.88")]
     keys = [box((0, 0), 1, 1, ec="black", **look) for look in looks]
     names = ["cold", "warm (where there is a warm start)", "TinyKoop, condensing included", "peers"]
@@ -420,7 +420,7 @@ def plot_times(main, path):
 
 def plot_accuracy(main, path):
     """Median cold time against the largest u error, at the settings that the three accuracies need."""
-    figure, axes = plots.plt.subplots(figsize=(9, 5.2))
+    figure, axes = plots.subplots(figsize=(9, 5.2))
     marks = "osD^v<>PX*hdp"
     lines = [(label, who) for label, who in _contenders(main) if not (isinstance(who, tuple) and who[2])]
     for n, (label, who) in enumerate(lines):

@@ -232,7 +232,7 @@ def plot(rows, path):
     groups = [("f32", "_O2"), ("f32", ""), ("f64", "_O2"), ("f64", "")]
     names = {"_O2": "-O2", "": "-O3 native"}
     width = 0.8 / len(contenders)
-    figure, axes = plots.plt.subplots(figsize=(10, 4.8))
+    figure, axes = plots.subplots(figsize=(10, 4.8))
     for k, (label, hatch, value) in enumerate(contenders):
         places, heights = [], []
         for g, (precision, suffix) in enumerate(groups):

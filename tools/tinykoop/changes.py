@@ -248,7 +248,7 @@ def draw(out, stem, found, t, left, score, scores):
     names = [name for name, _ in transfer.CHANNELS]
     shown = [names.index(name) for name in strongest["channels"]] if strongest else np.argsort(-np.nanmax(score, axis=0))
     shown = shown[:3]
-    figure, axes = plots.plt.subplots(len(shown) + 1, 1, figsize=(10, 2 + 1.6 * len(shown)), sharex=True)
+    figure, axes = plots.subplots(len(shown) + 1, 1, figsize=(10, 2 + 1.6 * len(shown)), sharex=True)
     title = f"{WORDS[strongest['kind']]} at {strongest['time']:.1f} s, most in {strongest['channels'][0]}" if strongest else "no change"
     if len(found) > 1:
         title = f"{len(found)} changes, the strongest: {title}"

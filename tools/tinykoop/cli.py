@@ -1,6 +1,7 @@
 """The command `tinykoop`."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -8,6 +9,8 @@ from .errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small here: threads cost more than they bring
 
 
 def parser():

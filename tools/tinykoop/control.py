@@ -118,7 +118,7 @@ def _mark(ax, names=True):
 
 def draw_paths(out, traces, reference):
     """Driven path against the reference, one panel a dictionary."""
-    figure, axes = plots.plt.subplots(2, 1, figsize=(10, 5), sharex=True, sharey=True)
+    figure, axes = plots.subplots(2, 1, figsize=(10, 5), sharex=True, sharey=True)
     figure.suptitle("Driven paths: regulated RBF keeps to the reference, vanilla RBF leaves it and stops", x=0.01, ha="left")
     for name, ax in zip(("poly", "rbf"), axes):
         ax.plot(reference[:, 0], reference[:, 1], color="0.8", lw=4, label="reference")
@@ -133,7 +133,7 @@ def draw_paths(out, traces, reference):
 
 
 def _over_time(out, traces, value, title, ylabel, name):
-    figure, axes = plots.plt.subplots(1, 2, figsize=(10, 3.8), sharey=True)
+    figure, axes = plots.subplots(1, 2, figsize=(10, 3.8), sharey=True)
     figure.suptitle(title, x=0.01, ha="left")
     t = np.arange(STEPS) * scenario.DT
     for method, trace in traces.items():
@@ -164,7 +164,7 @@ def draw_errors(out, traces):
 def draw_inputs(out, traces):
     """Applied inputs with their limits."""
     shown = [("rbf", "offline"), ("rbf", "sift"), ("rbf", "dz_cs"), ("poly", "dz_ks")]
-    figure, axes = plots.plt.subplots(2, 1, figsize=(10, 5), sharex=True)
+    figure, axes = plots.subplots(2, 1, figsize=(10, 5), sharex=True)
     figure.suptitle("Applied inputs and their limits (dashed): the controller uses the box and never leaves it", x=0.01, ha="left")
     t = np.arange(STEPS) * scenario.DT
     for column, (ax, label) in enumerate(zip(axes, ("$v$ (m/s)", "$\\omega$ (rad/s)"))):
@@ -182,7 +182,7 @@ def draw_inputs(out, traces):
 
 def draw_covariance(out, traces):
     """Largest eigenvalue and condition number of P while controlling."""
-    figure, axes = plots.plt.subplots(2, 2, figsize=(10, 5.6), sharex=True)
+    figure, axes = plots.subplots(2, 2, figsize=(10, 5.6), sharex=True)
     figure.suptitle("P in closed loop: bounded wherever it is regulated", x=0.01, ha="left")
     t = np.arange(0, STEPS, scenario.ROLLOUT_STRIDE) * scenario.DT
     for method, trace in traces.items():

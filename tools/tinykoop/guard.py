@@ -252,7 +252,7 @@ def report(rows, prices):
 
 def draw_campaign(out, rows):
     """Mean error of every run, in order of size."""
-    figure, ax = plots.plt.subplots(figsize=(8, 4))
+    figure, ax = plots.subplots(figsize=(8, 4))
     lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("unguarded", "guarded")}
     ax.set_title(
         f"Of {len(rows)} random runs {lost['unguarded']} are lost without the guard, {lost['guarded']} with it"
@@ -281,7 +281,7 @@ def draw_timeline(out):
             MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard
         )
     t = np.arange(STEPS) * scenario.DT
-    figure, axes = plots.plt.subplots(3, 1, figsize=(9, 6), sharex=True, height_ratios=(1.2, 2, 2))
+    figure, axes = plots.subplots(3, 1, figsize=(9, 6), sharex=True, height_ratios=(1.2, 2, 2))
     model = traces["guarded"]["model"]
     mean = np.linalg.norm(traces["guarded"]["x"][1:] - path[1 : STEPS + 1], axis=1).mean()
     figure.suptitle(

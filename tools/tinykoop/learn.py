@@ -89,7 +89,7 @@ def draw(out, x, traces, rows):
 
 
 def _panels(title, share=True, **kwargs):
-    figure, axes = plots.plt.subplots(1, 2, figsize=(10, 3.8), sharex=share, sharey=share, **kwargs)
+    figure, axes = plots.subplots(1, 2, figsize=(10, 3.8), sharex=share, sharey=share, **kwargs)
     figure.suptitle(title, x=0.01, ha="left")
     return figure, dict(zip(("poly", "rbf"), axes))
 
@@ -103,7 +103,7 @@ def _phased(axes, name):
 def draw_paths(out, x, traces):
     """(a) of the paper's figure: true and predicted path, for one method that works and the one that fails."""
     shown = [("rbf", "offline"), ("rbf", "ef"), ("rbf", "sift")]
-    figure, axes = plots.plt.subplots(len(shown), 1, figsize=(10, 5.5), sharex=True, sharey=True)
+    figure, axes = plots.subplots(len(shown), 1, figsize=(10, 5.5), sharex=True, sharey=True)
     figure.suptitle("One-step predictions on the true path: offline RBF misses slip, vanilla jumps", x=0.01, ha="left")
     for ax, key in zip(axes, shown):
         method = scenario.Method(*key)
@@ -137,7 +137,7 @@ def draw_error(out, t, traces):
 
 def draw_operator(out, t, traces):
     """(c): norms of A (solid) and B (dotted)."""
-    figure, axes = plots.plt.subplots(2, 2, figsize=(10, 6), sharex=True)
+    figure, axes = plots.subplots(2, 2, figsize=(10, 6), sharex=True)
     figure.suptitle("Norms of the learned operator: Poly's grow with the path, RBF's stay, vanilla RBF's do not", x=0.01, ha="left")
     columns = dict(zip(("poly", "rbf"), axes.T))
     for method, trace in traces.items():
@@ -162,7 +162,7 @@ def short_label(method):
 
 def draw_covariance(out, t, traces):
     """(d) and its spectrum: norm, largest eigenvalue and condition number of P."""
-    figure, axes = plots.plt.subplots(3, 2, figsize=(10, 8), sharex=True)
+    figure, axes = plots.subplots(3, 2, figsize=(10, 8), sharex=True)
     figure.suptitle("The adaptation matrix P: only regulation keeps it bounded once RBF goes idle", x=0.01, ha="left")
     columns = dict(zip(("poly", "rbf"), axes.T))
     for method, trace in traces.items():
@@ -190,7 +190,7 @@ def draw_covariance(out, t, traces):
 def draw_precision(out, rows):
     """float32 against float64, one bar for each method."""
     table = scenario.by_precision(rows)
-    figure, ax = plots.plt.subplots(figsize=(8, 3.8))
+    figure, ax = plots.subplots(figsize=(8, 3.8))
     ax.set_title("float32 costs a few percent of one-step error at most, except where float64 fails too")
     for i, (method, row, narrow) in enumerate(table):
         value = 100 * (narrow["mean_error"] / row["mean_error"] - 1)

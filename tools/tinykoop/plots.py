@@ -1,31 +1,26 @@
 """One look for all plots: readable in greyscale, units on every axis, phases marked."""
 
 import io
+from functools import lru_cache
 
-import matplotlib
+import numpy as np
 
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
+from . import scenario
+from .results import write_bytes
 
-from . import scenario  # noqa: E402
-from .results import write_bytes  # noqa: E402
-
-plt.rcParams.update(
-    {
-        "figure.dpi": 130,
-        "figure.constrained_layout.use": True,
-        "font.size": 9,
-        "axes.titlesize": 10,
-        "axes.titlelocation": "left",
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "grid.alpha": 0.25,
-        "legend.frameon": False,
-        "legend.fontsize": 8,
-    }
-)
+LOOK = {
+    "figure.dpi": 130,
+    "figure.constrained_layout.use": True,
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
 
 # Colour and dash differ together, and the colours differ in lightness.
 STYLES = {
@@ -40,13 +35,37 @@ STYLES = {
 HATCHES = {"offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--"}
 
 
+@lru_cache
+def _pyplot():
+    """Imported for the first figure: what fails before that need not wait half a second for it."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot
+
+    matplotlib.pyplot.rcParams.update(LOOK)
+    return matplotlib.pyplot
+
+
+def subplots(*arguments, **options):
+    """Figure and axes, as pyplot.subplots()."""
+    return _pyplot().subplots(*arguments, **options)
+
+
+def patches():
+    """Shapes for legends, as matplotlib.patches."""
+    import matplotlib.patches
+
+    return matplotlib.patches
+
+
 def save(figure, path):
     """Saves and closes the figure."""
     image = io.BytesIO()
     try:
         figure.savefig(image, format="png")
     finally:
-        plt.close(figure)
+        _pyplot().close(figure)
     write_bytes(path, image.getvalue())
 
 

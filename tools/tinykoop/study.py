@@ -680,7 +680,7 @@ MARKERS = {"ef": "s", "dz_cs": "o", "dz_ks": "^", "ct": "D", "sift": "v"}
 def draw_bistability(out, cells):
     """Mean errors of all runs, and the probability of failure in each setting."""
     poly = [row for row in cells if row["dictionary"] == "poly"]
-    figure, (left, right) = plots.plt.subplots(1, 2, figsize=(11, 6), width_ratios=(1, 1.5))
+    figure, (left, right) = plots.subplots(1, 2, figsize=(11, 6), width_ratios=(1, 1.5))
     figure.suptitle(
         "A centimetre at the start, hardly the solver, decides whether vanilla and dead-zone Poly keep the path",
         x=0.01, ha="left",
@@ -732,7 +732,7 @@ def draw_bistability(out, cells):
 
 def draw_mechanism(out, parts, changed):
     """The twins, and what the interventions do."""
-    figure, axes = plots.plt.subplots(2, 2, figsize=(11, 6.4))
+    figure, axes = plots.subplots(2, 2, figsize=(11, 6.4))
     figure.suptitle(
         "Vanilla Poly fails where a few samples make A unstable over the horizon: with its radius capped none fails",
         x=0.01, ha="left",
@@ -778,7 +778,7 @@ def draw_mechanism(out, parts, changed):
 
 def draw_sensitivities(out, compared):
     """Learned against true over time, over the whole horizon."""
-    figure, axes = plots.plt.subplots(2, 2, figsize=(11, 6.2), sharex=True, sharey="row")
+    figure, axes = plots.subplots(2, 2, figsize=(11, 6.2), sharex=True, sharey="row")
     figure.suptitle(
         "What control believes an input does 2.5 s later: vanilla and dead-zone Poly leave the robot, even in sign",
         x=0.01, ha="left",

@@ -245,7 +245,7 @@ SHOWN = scenario.Method("poly", "dz_cs")
 
 def draw_table(out, name, rows):
     """Mean error of all methods in the four directions, relative to the offline model, ours and the paper's."""
-    figure, axes = plots.plt.subplots(1, 4, figsize=(11, 4.2), sharey=True)
+    figure, axes = plots.subplots(1, 4, figsize=(11, 4.2), sharey=True)
     methods = [m for m in scenario.METHODS if m.regulator != "offline"]
     offline = chosen(rows, scenario.Method("rbf", "offline"))
     worst = max(row["mean_error"] / base["mean_error"] for m in methods for row, base in zip(chosen(rows, m)[2:], offline[2:]))
@@ -273,7 +273,7 @@ def draw_time(out, name, flights, traces):
     direction = ("P", "Y")
     flight = flights[direction[1]]
     t = np.arange(len(flight.usable)) * flight.dt
-    figure, (top, bottom) = plots.plt.subplots(2, 1, figsize=(10, 6), sharex=True)
+    figure, (top, bottom) = plots.subplots(2, 1, figsize=(10, 6), sharex=True)
     largest = {m: np.nanmax(traces[direction, m]["norm_p"]) for m in scenario.METHODS if m.regulator not in ("offline", "ef")}
     figure.suptitle(
         f"{name}: a model of pitch manoeuvres meets yaw manoeuvres; regulated |P| stays below {max(largest.values()):.1g}", x=0.01, ha="left"
@@ -309,7 +309,7 @@ def draw_channels(out, name, flights, traces):
     first = len(flight.usable) // 2
     rows = slice(first, first + count)
     t = np.arange(len(flight.usable))[rows] * flight.dt
-    figure, axes = plots.plt.subplots(5, 2, figsize=(10, 9), sharex=True)
+    figure, axes = plots.subplots(5, 2, figsize=(10, 9), sharex=True)
     figure.suptitle(f"{name}: {SHOWN.label} one step ahead, begun on yaw, flying pitch manoeuvres", x=0.01, ha="left")
     for i, (ax, (channel, unit)) in enumerate(zip(axes.T.ravel(), CHANNELS)):
         ax.plot(t, flight.x[1:][rows, i], color="0.7", lw=3, label="log, low-passed")

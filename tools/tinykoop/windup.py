@@ -171,7 +171,7 @@ def overflow(dtype, root=1):
 
 def draw_lanes(out, rows):
     """One lane for each run: how long it stayed sound."""
-    figure, axes = plots.plt.subplots(1, 2, figsize=(11, 7), sharey=True)
+    figure, axes = plots.subplots(1, 2, figsize=(11, 7), sharey=True)
     figure.suptitle(
         "Of our forms only plain breaks, and only vanilla RBF: f32 after 500 steps, f64 after 1,500; the textbook form breaks anywhere",
         x=0.01, ha="left",
@@ -204,7 +204,7 @@ def draw_lanes(out, rows):
             scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9
         )
     axes[0].invert_yaxis()
-    patch = plots.matplotlib.patches.Patch
+    patch = plots.patches().Patch
     keys = [
         patch(facecolor="0.9", label="sound"),
         patch(facecolor="0.65", label=f"prediction > {1000 * LEFT:g} mm from float64"),
@@ -217,7 +217,7 @@ def draw_lanes(out, rows):
 
 def draw_growth(out, curves):
     """|P| of vanilla RBF against the closed form and the ranges of the formats."""
-    figure, ax = plots.plt.subplots(figsize=(9, 4.5))
+    figure, ax = plots.subplots(figsize=(9, 4.5))
     ax.set_title("Windup of vanilla RBF follows $P_0\\,\\lambda^{-k}$ until the number format ends")
     k = np.arange(GROWTH_STEPS)
     closed = 2 - k * np.log10(0.98)
@@ -245,7 +245,7 @@ def draw_growth(out, curves):
 
 def draw_soak(out, rows):
     """Error of Theta after the soak."""
-    figure, ax = plots.plt.subplots(figsize=(8, 3.6))
+    figure, ax = plots.subplots(figsize=(8, 3.6))
     ax.set_title("After two million well-excited updates ours is at round-off, the textbook form long gone")
     ceiling = 1e2
     for i, row in enumerate(rows):

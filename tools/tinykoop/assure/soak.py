@@ -121,7 +121,7 @@ def report(rows):
 def draw(out, rows):
     """Share of faults recovered from, bare and behind the gate."""
     groups = by_condition(rows)
-    figure, ax = plots.plt.subplots(figsize=(8, 4.5))
+    figure, ax = plots.subplots(figsize=(8, 4.5))
     shares = {
         gate: total([r for r in rows if r["gate"] == gate], "recovered") / total([r for r in rows if r["gate"] == gate], "episodes")
         for gate in (0, 1)

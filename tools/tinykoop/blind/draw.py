@@ -39,7 +39,7 @@ def draw_confusion(out, rows):
     for truth, answer in answers:
         counts[names.index(truth[0]), (names + extra).index(answer)] += 1
     right = np.trace(counts[:-1])
-    figure, ax = plots.plt.subplots(figsize=(8, 6.5))
+    figure, ax = plots.subplots(figsize=(8, 6.5))
     _matrix(ax, counts, counts.sum(axis=1), names, names + extra, lambda value: f"{value:.0f}")
     healthy = f", {counts[-1, -1 - len(extra)]:.0f} of {counts[-1].sum():.0f} healthy robots `none`"
     ax.set_title(f"First answer strictly right on {right:.0f} of {counts[:-1].sum():.0f} single effects{healthy}")
@@ -61,7 +61,7 @@ def draw_claims(out, rows):
             known = row["tier"] == "single" and row.get("found")
             kind = "identified" if known else row["tier"] if row["tier"] in styles else "rest"
             points[kind].append((row["claimed_50"], row["realised_50"]))
-    figure, ax = plots.plt.subplots(figsize=(6, 5.5))
+    figure, ax = plots.subplots(figsize=(6, 5.5))
     ends = np.array([-1.05, 1.05])
     ax.plot(ends, ends, color="k", lw=0.8)
     ax.plot(ends, ends - 0.1, color="k", lw=0.8, ls="--", label="claimed 0.1 more than realised")
@@ -83,7 +83,7 @@ def draw_claims(out, rows):
 def draw_ambiguity(out, rows):
     """The sets that reports put forward: what they name and what they call ambiguous with it."""
     names = list(tiers.VOCABULARY)
-    figure, axes = plots.plt.subplots(1, 2, figsize=(12, 6), sharey=True)
+    figure, axes = plots.subplots(1, 2, figsize=(12, 6), sharey=True)
     for ax, tier in zip(axes, ("single", "poor")):
         some = [row for row in rows if row["tier"] == tier]
         counts = np.zeros((len(names), len(names)))
@@ -106,7 +106,7 @@ def draw_ambiguity(out, rows):
 def draw_verdicts(out, rows):
     """Verdicts by tier."""
     names = [tier for tier in tiers.TIERS if score.of(rows, tier)]
-    figure, ax = plots.plt.subplots(figsize=(8, 4.5))
+    figure, ax = plots.subplots(figsize=(8, 4.5))
     left = np.zeros(len(names))
     for verdict, (colour, hatch) in VERDICTS.items():
         shares = [np.mean([row["verdict"] == verdict for row in score.of(rows, name)]) for name in names]
@@ -129,7 +129,7 @@ def draw_verdicts(out, rows):
 
 def draw_calibration(out, bins):
     """Share of the effects named that are right, against the confidence stated."""
-    figure, ax = plots.plt.subplots(figsize=(6, 4.5))
+    figure, ax = plots.subplots(figsize=(6, 4.5))
     ax.plot([0, 1], [0, 1], color="k", lw=0.8, ls="--", label="as stated")
     if bins:
         stated, right, ci = (np.array([b[key] for b in bins]) for key in ("stated", "right", "ci95"))

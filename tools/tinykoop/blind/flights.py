@@ -165,7 +165,7 @@ def draw_confusion(out, rows):
         totals[names.index(truth)] += 1
         for name in row["named"] or ["none"]:
             counts[names.index(truth), names.index(name)] += 1
-    figure, ax = plots.plt.subplots(figsize=(7, 6))
+    figure, ax = plots.subplots(figsize=(7, 6))
     ax.imshow(counts / np.maximum(totals, 1)[:, None], cmap="Greys", vmin=0, vmax=1.3, aspect="auto")
     for i, j in zip(*np.nonzero(counts)):
         dark = counts[i, j] > 0.6 * totals[i]

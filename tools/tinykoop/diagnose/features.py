@@ -5,7 +5,7 @@ how large it is. Columns are linear in their coefficients: small errors of veloc
 """
 
 import numpy as np
-from scipy import ndimage, signal, stats
+from scipy import linalg, ndimage, special
 
 ROWS_EACH, LEAST = 10, 120  # values that a column must be worth; degrees of freedom that any log counts for
 INDEPENDENT = 1e-6  # least share of the largest eigenvalue of columns that are not combinations of others
@@ -24,8 +24,8 @@ def _scaled(values):
 def _after(u, seconds, dt):
     """What a first-order lag is behind the command."""
     keep = np.exp(-dt / seconds)
-    state, _ = signal.lfilter([1 - keep], [1, -keep], np.vstack([u[:1], u[:-1]]), axis=0, zi=keep * u[:1])
-    return state - u
+    recursion = np.stack([np.ones(len(u)), np.full(len(u), -keep)])
+    return linalg.solve_banded((1, 0), recursion, np.vstack([u[:1], (1 - keep) * u[:-1]])) - u
 
 
 def functions(u, pose, dt):
@@ -183,7 +183,7 @@ class Generic:
         Slow noise is known from fewer values than there are: rows that go along with their neighbours count less.
         """
         known = max(self.free * (1 - self._rho) / (1 + self._rho), 1)
-        return float(stats.f.sf(self.gain / self.count / self.scale, self.count, known))
+        return float(special.fdtrc(self.count, known, self.gain / self.count / self.scale))
 
     def gap(self, H, channels=POSITION):
         """RMS error (m, or rad) after H rows, which most pieces must reach, that the generic model finds.

@@ -6,7 +6,7 @@ Student's t.
 """
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from . import features
 from .pieces import Noise
@@ -130,11 +130,13 @@ def _tails(pieces, n):
 
     def surprise(log_nu):
         nu = np.exp(log_nu)
-        return -stats.t.logpdf(values / scale * np.sqrt(stats.t.ppf(0.75, nu) ** 2 / 0.6745**2), nu).sum()
+        t = values / scale * special.stdtrit(nu, 0.75) / 0.6745
+        constant = special.gammaln((nu + 1) / 2) - special.gammaln(nu / 2) - 0.5 * np.log(np.pi * nu)
+        return (nu + 1) / 2 * np.log1p(t**2 / nu).sum() - constant * t.size
 
     nu = float(np.exp(optimize.minimize_scalar(surprise, bounds=(np.log(2.1), np.log(50)), method="bounded").x))
     if nu < LIGHT:
-        core = scale * 0.6745 / stats.t.ppf(0.75, nu)
+        core = scale * 0.6745 / special.stdtrit(nu, 0.75)
         weight = (nu + 1) / (nu + (e / core) ** 2)
         weight /= np.mean((weight * e**2)[pieces.inside], axis=0)
         pieces.set_noise(pieces.noise, weight)

@@ -97,12 +97,17 @@ def baseline_of(log):
     return own
 
 
+@lru_cache(maxsize=4)
+def _flown(healthy, yaw):
+    """Innovations of healthy flights."""
+    return [_pieces(Fwmav(), log, healthy) for log in healthy.on(yaw)]
+
+
 @lru_cache(maxsize=8)
 def _feigned(healthy, yaw):
     """(gain, peak) that generic accelerations find at most on healthy flights."""
     found = []
-    for log in healthy.on(yaw):
-        pieces = _pieces(Fwmav(), log, healthy)
+    for pieces in _flown(healthy, yaw):
         left = Generic(pieces).left(pieces.whiten(pieces.residual()).ravel())
         found.append((left.gain, left.peak))
     return np.max(found, axis=0)
@@ -111,10 +116,7 @@ def _feigned(healthy, yaw):
 @lru_cache(maxsize=8)
 def _floor(healthy, yaw):
     """RMS (H, 9) of what is missed ahead on healthy flights."""
-    missed = []
-    for log in healthy.on(yaw):
-        pieces = Innovations(Fwmav(), log, healthy.whitener, healthy.base)
-        missed.append(gap.ahead(pieces, (), gap.starts_of(pieces)))
+    missed = [gap.ahead(pieces, (), gap.starts_of(pieces)) for pieces in _flown(healthy, yaw)]
     return np.sqrt(np.mean(np.concatenate(missed) ** 2, axis=0))
 
 

@@ -25,48 +25,14 @@ static int cholesky_succeeds(double *M, size_t d) {
 	return 1;
 }
 
-/* Norms that a replay writes down, one for each step, taken of STEPS_AT_ONCE together: a hypot
- * waits for the one before it, but not for those of other steps. */
-enum { STEPS_AT_ONCE = 8 };
-enum { NORM_ERROR, NORM_A, NORM_B, NORM_P, NORMS };
-
-typedef struct norm_trace {
-	double *norm; /* null: nobody asked */
-	size_t length;
-	double *values; /* what the norms are of, length x STEPS_AT_ONCE */
-} norm_trace;
-
-static void norms_close(norm_trace *norms) {
-	for (size_t i = 0; i < NORMS; i++) { free(norms[i].values); }
-}
-
-static int norms_open(norm_trace *norms) {
-	int opened = 1;
-	for (norm_trace *t = norms; t < norms + NORMS; t++) {
-		t->values = t->norm ? calloc(t->length * STEPS_AT_ONCE, sizeof *t->values) : NULL;
-		opened = opened && (t->values || !t->norm);
-	}
-	if (!opened) { norms_close(norms); }
-	return opened;
-}
-
-/* Element i of what the norm of step k is of. */
-static void norm_set(norm_trace *t, size_t k, size_t i, double value) {
-	t->values[i * STEPS_AT_ONCE + k % STEPS_AT_ONCE] = value;
-}
-
-/* All elements of step k are set, and there are `steps`. */
-static void norms_take(norm_trace *norms, size_t k, size_t steps) {
-	const size_t count = k % STEPS_AT_ONCE + 1;
-	if (count < STEPS_AT_ONCE && k + 1 < steps) { return; }
-	for (norm_trace *t = norms; t < norms + NORMS; t++) {
-		double sum[STEPS_AT_ONCE] = {0};
-		for (size_t i = 0; t->norm && i < t->length; i++) {
-			const double *value = t->values + i * STEPS_AT_ONCE;
-			for (size_t r = 0; r < count; r++) { sum[r] = hypot(sum[r], value[r]); }
-		}
-		for (size_t r = 0; t->norm && r < count; r++) { t->norm[k + 1 - count + r] = sum[r]; }
-	}
+/* Euclidean norm. Squares may leave the range of a double where the norm does not: then by hypot, which takes
+ * ten times as long. */
+static double norm_of(const double *values, size_t count) {
+	double squares = 0, norm = 0;
+	for (size_t i = 0; i < count; i++) { squares += values[i] * values[i]; }
+	if (squares > 1e-280 && squares < 1e280) { return sqrt(squares); }
+	for (size_t i = 0; i < count; i++) { norm = hypot(norm, values[i]); }
+	return norm;
 }
 
 static double microseconds(void) {

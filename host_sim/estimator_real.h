@@ -118,11 +118,8 @@ static const KOOP(dictionary) *SIM(dictionary)(const char *name) {
 		const char *name;
 		const KOOP(dictionary) *dictionary;
 	} table[] = {
-	    {"poly_ddr", &KOOP(poly_ddr)},
-	    {"rbf_ddr", &KOOP(rbf_ddr)},
-	    {"poly_fwmav", &KOOP(poly_fwmav)},
-	    {"rbf_fwmav", &KOOP(rbf_fwmav)},
-	    {"wide_fwmav", &SIM(wide_fwmav)}, /* not in lib/ */
+	    {"poly_ddr", &KOOP(poly_ddr)},   {"rbf_ddr", &KOOP(rbf_ddr)},      {"poly_fwmav", &KOOP(poly_fwmav)},
+	    {"rbf_fwmav", &KOOP(rbf_fwmav)}, {"wide_fwmav", &SIM(wide_fwmav)}, /* not in lib/ */
 	};
 	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
 		if (strcmp(table[i].name, name) == 0) { return table[i].dictionary; }
@@ -155,7 +152,7 @@ typedef struct SIM(estimator) {
 	REAL *vectors;                    /* owns the following */
 	REAL *psi, *psi_next, *predicted; /* N each */
 	REAL *x, *u;                      /* n, m */
-	double *P;                        /* d x d */
+	double *P;                        /* d x d, for what is worked out at the moment */
 } SIM(estimator);
 
 static void SIM(free)(SIM(estimator) * e) {
@@ -299,34 +296,36 @@ static int SIM(positive_definite)(SIM(estimator) * e, int reported) {
 	return cholesky_succeeds(e->P, e->rls.n_regressors);
 }
 
-/* Theta's columns from `first` up to `last`, for the norm of step k. */
-static void SIM(record_theta)(const SIM(estimator) * e, size_t first, size_t last, size_t k, norm_trace *t) {
-	const size_t N = e->rls.n_lifted;
-	for (size_t j = first; t->norm && j < last; j++) {
+/* Of Theta's columns from `first` up to `last`. */
+static double SIM(norm_of_theta)(const SIM(estimator) * e, size_t first, size_t last) {
+	double *next = e->P;
+	for (size_t j = first; j < last; j++) {
 		const REAL *column = e->rls.theta + j * e->rls.n_lifted_padded;
-		for (size_t i = 0; i < N; i++) { norm_set(t, k, (j - first) * N + i, column[i]); }
+		for (size_t i = 0; i < e->rls.n_lifted; i++) { *next++ = column[i]; }
 	}
+	return norm_of(e->P, (size_t)(next - e->P));
 }
 
-static void SIM(record_model)(SIM(estimator) * e, size_t k, norm_trace *norms) {
+static void SIM(record_norms)(const SIM(estimator) * e, size_t k, const tk_trace *trace) {
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
-	SIM(record_theta)(e, 0, N, k, &norms[NORM_A]);
-	SIM(record_theta)(e, N, d, k, &norms[NORM_B]);
-	if (norms[NORM_P].norm) {
+	if (trace->norm_a) { trace->norm_a[k] = SIM(norm_of_theta)(e, 0, N); }
+	if (trace->norm_b) { trace->norm_b[k] = SIM(norm_of_theta)(e, N, d); }
+	if (trace->norm_p) {
 		SIM(get_covariance)(e, e->P);
-		for (size_t i = 0; i < d * d; i++) { norm_set(&norms[NORM_P], k, i, e->P[i]); }
+		trace->norm_p[k] = norm_of(e->P, d * d);
 	}
 }
 
 /* The prediction of step k, NaN where there is none, and what it misses. */
 static void SIM(record_prediction)(const SIM(estimator) * e, size_t k, int made, const double *x_next,
-                                   const tk_trace *trace, norm_trace *error) {
+                                   const tk_trace *trace) {
 	const size_t n = e->rls.config.dictionary->n_states;
 	for (size_t i = 0; i < n; i++) {
 		const double predicted = made ? (double)e->predicted[i] : (double)NAN;
 		if (trace->predicted) { trace->predicted[k * n + i] = predicted; }
-		if (error->norm) { norm_set(error, k, i, x_next[i] - predicted); }
+		e->P[i] = x_next[i] - predicted;
 	}
+	if (trace->error) { trace->error[k] = norm_of(e->P, n); }
 }
 
 static int SIM(learn)(SIM(estimator) * e, KOOP(health) *health) {
@@ -338,18 +337,11 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
                        const int32_t *usable, int learn, const tk_trace *trace) {
 	const size_t n = e->rls.config.dictionary->n_states, m = e->rls.config.n_inputs;
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
-	norm_trace norms[NORMS] = {
-	    [NORM_ERROR] = {trace->error, n, NULL},
-	    [NORM_A] = {trace->norm_a, N * N, NULL},
-	    [NORM_B] = {trace->norm_b, N * m, NULL},
-	    [NORM_P] = {trace->norm_p, d * d, NULL},
-	};
 	/* the square-root form has to work out P's diagonal for it */
 	const int asks_health = trace->innovation || trace->gated || trace->trace || trace->min_diagonal;
 	int lifted = KOOP_E_INPUT; /* status of psi for the row at hand */
 	size_t snapshot = 0;
 
-	if (!norms_open(norms)) { return fail("out of memory"); }
 	for (size_t k = 0; k < steps; k++) {
 		KOOP(health) health = {0};
 		int status = 1, predicted = 0, learned = 0;
@@ -376,7 +368,7 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 			lifted = KOOP_E_INPUT;
 		}
 
-		SIM(record_prediction)(e, k, predicted, x + (k + 1) * n, trace, &norms[NORM_ERROR]);
+		SIM(record_prediction)(e, k, predicted, x + (k + 1) * n, trace);
 		if (trace->innovation) { trace->innovation[k] = learned ? (double)health.innovation : (double)NAN; }
 		if (trace->status) { trace->status[k] = status; }
 		if (trace->gated) { trace->gated[k] = health.gated; }
@@ -385,10 +377,8 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 		if (trace->positive_definite) {
 			trace->positive_definite[k] = SIM(positive_definite)(e, e->rls.positive_definite);
 		}
-		SIM(record_model)(e, k, norms);
-		norms_take(norms, k, steps);
+		SIM(record_norms)(e, k, trace);
 	}
-	norms_close(norms);
 	return TK_OK;
 }
 
@@ -433,7 +423,8 @@ static int SIM(lowpass)(double cutoff, double rate, size_t rows, size_t n, const
 	const size_t reals = sizeof storage / sizeof *storage;
 	int status = KOOP(lowpass_init)(&filter, n, (REAL)cutoff, (REAL)rate, storage, reals);
 	if (status != KOOP_OK) {
-		return fail("low-pass of %g Hz at %g Hz, %zu channels: %s", cutoff, rate, n, KOOP(status_message)(status));
+		return fail("low-pass of %g Hz at %g Hz, %zu channels: %s", cutoff, rate, n,
+		            KOOP(status_message)(status));
 	}
 	for (size_t k = 0; k < rows; k++) {
 		if (k > 0 && usable && !usable[k - 1]) { KOOP(lowpass_reset)(&filter); }

@@ -105,13 +105,13 @@ static fwmav_signal signal_in(const follower *f, size_t tick, const observed *o)
 	const double *push = f->log->push ? f->log->push + 6 * (tick / f->ticks) : NULL;
 	signal.vibration = 0; /* where the beat stands, nobody knows */
 	signal.beat = beat_held(&signal, 1 + o->lift);
+	memcpy(signal.servo, f->asked[tick], sizeof signal.servo);
 	for (size_t i = 0; i < 6; i++) { signal.turbulence[i] = o->air[i] + (push ? push[i] : 0); }
 	return signal;
 }
 
-/* What the IMU reads: gyro and accelerometer. */
-static void read_imu(const fwmav_signal *signal, const observed *o, double *imu) {
-	double derivative[TK_FWMAV_STATES];
+/* What the IMU reads, gyro and accelerometer, and the derivative of the state. */
+static void read_imu(const fwmav_signal *signal, const observed *o, double *imu, double *derivative) {
 	fwmav_derivative(signal, o->state, derivative, imu + 3);
 	for (size_t i = 0; i < 3; i++) { imu[i] = o->state[SPIN + i] + signal->gyro[i]; }
 }
@@ -119,15 +119,15 @@ static void read_imu(const fwmav_signal *signal, const observed *o, double *imu)
 /* From row k to row k + 1; sensed: what is predicted there. */
 static void advance(const follower *f, size_t k, observed *o, double *sensed) {
 	const double kept = exp(-f->dt / FWMAV_GUSTS), held = exp(-f->dt / CLIMBING);
-	double imu[6], up[3];
+	double imu[6], up[3], derivative[TK_FWMAV_STATES];
 	fwmav_signal signal = signal_in(f, k * f->ticks, o);
+	read_imu(&signal, o, imu, derivative);
 	for (size_t tick = k * f->ticks; tick < (k + 1) * f->ticks; tick++) {
-		for (size_t i = 0; i < SERVOS; i++) { signal.servo[i] = f->asked[tick][i]; }
-		fwmav_step(&signal, TICK, o->state);
+		fwmav_step(&signal, TICK, derivative, o->state);
 		for (size_t i = 0; i < 6; i++) { o->air[i] *= kept; }
 		o->lift *= held;
 		signal = signal_in(f, tick + 1, o);
-		read_imu(&signal, o, imu);
+		read_imu(&signal, o, imu, derivative);
 		for (size_t i = 0; i < 3; i++) { up[i] = imu[3 + i] / f->felt; }
 		estimate_step(&o->estimate, imu, up, f->dt);
 	}

@@ -69,6 +69,11 @@ def euler(states):
 # ---- the second writing ------------------------------------------------------------------------
 
 
+def cross(a, b):
+    """np.cross() of two vectors, in a tenth of the time."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 class Vehicle:
     """Position, velocity, angular momentum (3 each, world), rotation (3 x 3), beat, phase, three servos (2 each)."""
 
@@ -91,14 +96,15 @@ class Vehicle:
             at = R @ Rotation.from_euler("z", side * dihedral).apply([0, side * ARM, 0]) + R[:, 2] * HEIGHT
             size = MASS * G / 2 * (f / F0) ** 2 * (1 + side * share) * factor
             lean = Rotation.from_euler("y", -side * twist).apply([0, 0, size])
-            wing = R @ (lean - damping * f * DRAG * (R.T @ (v - [*wind, 0] + np.cross(w, at))))
-            force, moment = force + wing, moment + np.cross(at, wing)
+            wing = R @ (lean - damping * f * DRAG * (R.T @ (v - [*wind, 0] + cross(w, at))))
+            force, moment = force + wing, moment + cross(at, wing)
         return force, moment
 
     def slope(self, y, command, voltage, **air):
         force, moment = self.forces(y, **air)
         R = y[9:18].reshape(3, 3)
-        turning = R @ np.cross(np.eye(3), R.T @ y[6:9] / INERTIA)
+        w = R.T @ y[6:9] / INERTIA
+        turning = R @ [cross(axis, w) for axis in np.eye(3)]
         servos = [
             part for asked, (angle, rate) in zip(command[1:], y[20:].reshape(3, 2))
             for part in (rate, BAND**2 * (asked - angle) - 2 * ZETA * BAND * rate)

@@ -116,7 +116,13 @@ def integrate(pieces, values, channels):
 
 
 def raw_columns(pieces):
-    """Names [(feature, channel)] and columns (F, S, L, 3), not whitened."""
+    """Names [(feature, channel)] and columns (F, S, L, 3), not whitened; made once while starts of the pieces stay as they are."""
+    if pieces.raw is None:
+        pieces.raw = _raw_columns(pieces)
+    return pieces.raw
+
+
+def _raw_columns(pieces):
     names, used = [], []
     u = pieces.platform.commands(pieces.log.u)
     for name, (values, channels) in functions(u, pieces.log.x, pieces.log.dt).items():

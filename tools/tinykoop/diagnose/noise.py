@@ -92,7 +92,7 @@ def estimate(pieces, active=(), weigh=True):
     weigh: look for heavy tails too. Returns Student's degrees of freedom, infinite without.
     """
     pieces.settle_starts(features.Generic(pieces, active).left)
-    r, raw = pieces.residual(active), features.basis_of(pieces).raw
+    r, (_, raw) = pieces.residual(active), features.raw_columns(pieces)
     inside = pieces.inside[..., None]
     one = inside * np.ones(2)
     time = inside * np.linspace(0, 1, pieces.L)[:, None] * np.ones(2)

@@ -101,6 +101,7 @@ class Pieces:
         turns[..., 0, 0] = turns[..., 1, 1] = turns[..., 2, 2] = 1
         turns[..., 0, 2], turns[..., 1, 2] = -across, along
         self.turns = turns
+        self.raw = None  # features.raw_columns() are kept here while starts stay as they are
 
     def residual(self, active=()):
         """Measured less predicted, (S, L, 3)."""

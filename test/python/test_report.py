@@ -277,3 +277,21 @@ def test_summary_fits_on_a_screen(lag, healthy):
         flat = " ".join(text.split())
         assert " ".join(words.sentence(result.report).split()) in flat and "out/[red]report.html" in flat
         assert least <= len([line for line in text.splitlines() if line.strip()]) <= 30
+
+
+def test_dense_line_keeps_what_is_seen_of_it():
+    X, Y = np.linspace(0, 99.99, 100000), np.random.default_rng(1).normal(size=100000)
+    Y[70_000:70_500] = np.nan
+    good = np.isfinite(Y)
+    shown = figures.drawn(X, Y, good)
+    assert shown.sum() <= 4 * 100 + 6
+    for column in range(100):
+        inside = (X >= column) & (X < column + 1)
+        for extreme in (np.nanmin, np.nanmax):
+            assert extreme(Y[inside & shown]) == extreme(Y[inside])
+    assert shown[[0, 69_999, 70_500, -1]].all() and (shown & ~good)[70_000:70_500].any(), "the gap stays one"
+
+
+def test_thin_line_is_drawn_point_by_point():
+    assert figures.drawn(np.arange(50.0), np.ones(50), np.ones(50, bool)).all()
+    assert len(figures.drawn(np.zeros(0), np.zeros(0), np.zeros(0, bool))) == 0

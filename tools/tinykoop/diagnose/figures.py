@@ -63,6 +63,19 @@ def stroke(x0, y0, x1, y1, kind):
     return f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" class="{kind}"/>'
 
 
+def drawn(X, Y, good):
+    """Which points (px) of a line are seen: of those that follow each other in one column of pixels its ends and extremes."""
+    if not len(X):
+        return np.zeros(0, bool)
+    column = np.where(good, np.floor(np.where(good, X, 0)), np.nan)
+    begins = np.r_[True, (column[1:] != column[:-1]) & (good[1:] | good[:-1])]
+    starts = np.flatnonzero(begins)
+    stretch = np.cumsum(begins) - 1
+    low, high = (f.reduceat(Y, starts) for f in (np.minimum, np.maximum))
+    extreme = ((Y == low[stretch]) | (Y == high[stretch])) & (low < high)[stretch]
+    return begins | np.r_[begins[1:], True] | extreme
+
+
 class Panel:
     """Axes in a box (left, top, width, height) px; equal: a metre is as long both ways."""
 
@@ -86,6 +99,8 @@ class Panel:
         """A line, broken where it is not finite."""
         X, Y = np.broadcast_arrays(self.px(x), self.py(y))
         good = np.isfinite(X) & np.isfinite(Y)
+        shown = drawn(X, Y, good)
+        X, Y, good = X[shown], Y[shown], good[shown]
         parts, pen = [], "M"
         for a, b, fine in zip(X, Y, good):
             if fine:

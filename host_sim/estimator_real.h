@@ -118,8 +118,11 @@ static const KOOP(dictionary) *SIM(dictionary)(const char *name) {
 		const char *name;
 		const KOOP(dictionary) *dictionary;
 	} table[] = {
-	    {"poly_ddr", &KOOP(poly_ddr)},   {"rbf_ddr", &KOOP(rbf_ddr)},      {"poly_fwmav", &KOOP(poly_fwmav)},
-	    {"rbf_fwmav", &KOOP(rbf_fwmav)}, {"wide_fwmav", &SIM(wide_fwmav)}, /* not in lib/ */
+	    {"poly_ddr", &KOOP(poly_ddr)},
+	    {"rbf_ddr", &KOOP(rbf_ddr)},
+	    {"poly_fwmav", &KOOP(poly_fwmav)},
+	    {"rbf_fwmav", &KOOP(rbf_fwmav)},
+	    {"wide_fwmav", &SIM(wide_fwmav)}, /* not in lib/ */
 	};
 	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
 		if (strcmp(table[i].name, name) == 0) { return table[i].dictionary; }
@@ -423,8 +426,7 @@ static int SIM(lowpass)(double cutoff, double rate, size_t rows, size_t n, const
 	const size_t reals = sizeof storage / sizeof *storage;
 	int status = KOOP(lowpass_init)(&filter, n, (REAL)cutoff, (REAL)rate, storage, reals);
 	if (status != KOOP_OK) {
-		return fail("low-pass of %g Hz at %g Hz, %zu channels: %s", cutoff, rate, n,
-		            KOOP(status_message)(status));
+		return fail("low-pass of %g Hz at %g Hz, %zu channels: %s", cutoff, rate, n, KOOP(status_message)(status));
 	}
 	for (size_t k = 0; k < rows; k++) {
 		if (k > 0 && usable && !usable[k - 1]) { KOOP(lowpass_reset)(&filter); }

@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import linalg, stats
 from tinykoop import sim
-from tinykoop.diagnose import diagnose, measure, phases, verdict, words
+from tinykoop.diagnose import diagnose, measure, noise, phases, verdict, words
 from tinykoop.diagnose.features import Generic
 from tinykoop.diagnose.fit import Cause, Fitter
 from tinykoop.diagnose.noise import estimate, third_differences
@@ -118,6 +118,31 @@ def test_what_is_left_at_the_truth_is_white_and_of_unit_variance(rho, kind, chan
         ahead.append((white[:, 1:] * white[:, :-1]).sum() / (white**2).sum())
     assert abs(total / free - 1) < 4 * np.sqrt(2 / free)
     assert abs(np.mean(ahead)) < 0.08  # a fitted start takes a little off
+
+
+def test_likelihood_of_the_noise_is_the_restricted_one():
+    """Against that of the whole covariance matrix (Patterson and Thompson 1971), in pieces of different lengths."""
+    rng = np.random.default_rng(5)
+    lengths, c = (9, 6, 8), 2
+    inside = np.arange(max(lengths)) < np.array(lengths)[:, None]
+    r, free, columns = (rng.normal(size=(*shape, len(lengths), max(lengths), c)) * inside[..., None] for shape in ((), (2,), (3,)))
+    every = [*columns, *(f * (np.arange(3) == s)[:, None, None] for f in free for s in range(3))]
+    X = np.stack([column[inside].ravel() for column in every], 1)
+    at = noise._restricted(r, np.moveaxis(free, 0, -1), columns, inside)
+
+    def dense(rho):
+        V = linalg.block_diag(*(np.kron(rho ** np.abs(np.subtract.outer(np.arange(n), np.arange(n))), np.eye(c)) for n in lengths))
+        inverse, y = np.linalg.inv(V), r[inside].ravel()
+        gram = X.T @ inverse @ X
+        left = y - X @ np.linalg.solve(gram, X.T @ inverse @ y)
+        degrees = len(y) - X.shape[1]
+        variance = left @ inverse @ left / degrees
+        return degrees * np.log(variance) + np.linalg.slogdet(V)[1] + np.linalg.slogdet(gram)[1], variance
+
+    none, ours = dense(0.0), at(0.0)
+    for rho in (-0.5, 0.3, 0.9):
+        np.testing.assert_allclose(at(rho)[0] - ours[0], dense(rho)[0] - none[0], rtol=1e-9)
+        np.testing.assert_allclose(at(rho)[1], dense(rho)[1], rtol=1e-9)
 
 
 def test_noise_of_a_short_coloured_log():

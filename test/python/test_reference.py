@@ -255,3 +255,11 @@ def test_traces_are_what_they_say(states, form, precision, tolerance):
     assert np.max(np.abs(traces["innovation"] - np.linalg.norm(missed, axis=1))) < 100 * tolerance
     assert np.max(np.abs(traces["error"] - np.linalg.norm(missed[:, :3], axis=1))) < 100 * tolerance
     assert np.all(np.linalg.eigvalsh(P)[:, 0] > 0) and traces["positive_definite"].all()
+
+
+@pytest.mark.parametrize("p0", [1e-200, 1e200])
+def test_norm_whose_squares_leave_the_range(p0):
+    estimator = sim.Estimator("poly_ddr", "none", 64, p0=p0)
+    trace = estimator.replay(np.zeros((2, 3)), np.zeros((1, 2)), learn=False, traces=("norm_p", "norm_a", "error"))
+    np.testing.assert_allclose(trace["norm_p"], 3 * p0, rtol=1e-14)  # of p0 I, nine regressors
+    assert trace["norm_a"] == 0 and trace["error"] == 0

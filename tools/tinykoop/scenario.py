@@ -122,19 +122,15 @@ def rollout_errors(estimator, trace, x, u):
     Theta is frozen at the start of a window and the lifted state is propagated, never lifted again.
     `trace` must hold theta every ROLLOUT_STRIDE steps.
     """
-    psi = estimator.lift(x).astype(estimator.dtype)
-    inputs = u.astype(estimator.dtype)
-    errors = []
+    starts = np.arange(ROLLOUT_START, len(u) - max(HORIZONS), ROLLOUT_STRIDE)
+    theta = trace["theta"][starts // ROLLOUT_STRIDE].astype(estimator.dtype)
+    z, inputs, errors = estimator.lift(x[starts]).astype(estimator.dtype), u.astype(estimator.dtype), {}
     with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(ROLLOUT_START, len(u) - max(HORIZONS), ROLLOUT_STRIDE):
-            theta = trace["theta"][k // ROLLOUT_STRIDE].astype(estimator.dtype)
-            z, window = psi[k], []
-            for h in range(1, max(HORIZONS) + 1):
-                z = theta @ np.concatenate([z, inputs[k + h - 1]])
-                if h in HORIZONS:
-                    window.append(np.linalg.norm(x[k + h] - z[: estimator.n].astype(float)))
-            errors.append(window)
-    return dict(zip(HORIZONS, np.mean(errors, axis=0)))
+        for h in range(1, max(HORIZONS) + 1):
+            z = (theta @ np.concatenate([z, inputs[starts + h - 1]], axis=1)[..., None])[..., 0]
+            if h in HORIZONS:
+                errors[h] = np.mean(np.linalg.norm(x[starts + h] - z[:, : estimator.n], axis=1))
+    return errors
 
 
 def spectrum(covariances):

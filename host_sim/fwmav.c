@@ -41,10 +41,6 @@ static const double SWAY[HARMONICS][3][2] = {
     {{0.5, 0.4}, {-0.1, 0.1}, {1.0, -2.6}},
 };
 
-double fwmav_wrapped(double angle) {
-	return fabs(angle) < PI ? angle : remainder(angle, FWMAV_TURN); /* which is slow */
-}
-
 double fwmav_hover_beat(void) {
 	return HOVER_BEAT;
 }

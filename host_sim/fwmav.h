@@ -40,9 +40,6 @@ static inline fwmav_signal *in_flight(tk_signal *signal) {
 	return (fwmav_signal *)signal;
 }
 
-/* The angle within half a turn either way, rad. */
-double fwmav_wrapped(double angle);
-
 /* Hovering, level, at the origin. */
 void fwmav_hover(double *state);
 /* Adds the swaying that belongs to the beat's phase, by this factor, to a hovering vehicle. */

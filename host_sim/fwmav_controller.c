@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "angle.h"
+
 /* ---- Attitude estimate ---------------------------------------------------------- */
 
 void estimate_set(estimate *e, double pitch, double roll, double yaw) {
@@ -64,7 +66,7 @@ static double limited(double value, double most) {
 }
 
 double loop_step(loop *l, double asked, double angle, double rate, double dt) {
-	const double off = fwmav_wrapped(asked - angle);
+	const double off = wrapped(asked - angle);
 	l->rate += (1 - exp(-FWMAV_TURN * l->cutoff * dt)) * (rate - l->rate);
 	l->sum = limited(l->sum + l->i * off * dt, 0.5 * l->most);
 	return limited(l->p * off + l->sum - l->d * l->rate, l->most);

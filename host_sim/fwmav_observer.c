@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "angle.h"
 #include "fwmav_controller.h"
 #include "message.h"
 
@@ -58,7 +59,7 @@ static void ask(follower *f, loop *loops, size_t k, const double *target) {
 	double here[3], there[3], turn[3];
 	attitude(log, k, here);
 	attitude(log, k + 1, there);
-	for (int a = 0; a < 3; a++) { turn[a] = fwmav_wrapped(there[a] - here[a]); }
+	for (int a = 0; a < 3; a++) { turn[a] = wrapped(there[a] - here[a]); }
 	for (size_t j = 0; j < f->ticks; j++) {
 		const double share = (double)j / (double)f->ticks;
 		const size_t tick = k * f->ticks + j;
@@ -143,7 +144,7 @@ static void correct(follower *f, size_t k, const double *predicted) {
 	double missed[TK_FWMAV_SENSED], change[TK_FWMAV_CORRECTED] = {0}, angles[3], R[3][3], turn[4];
 	attitude(f->log, k, angles);
 	for (size_t i = 0; i < 6; i++) { missed[i] = x[i] - predicted[i]; }
-	for (size_t i = 6; i < 9; i++) { missed[i] = fwmav_wrapped(angles[i - 6] - predicted[i]); }
+	for (size_t i = 6; i < 9; i++) { missed[i] = wrapped(angles[i - 6] - predicted[i]); }
 	for (size_t i = 0; i < TK_FWMAV_CORRECTED; i++) {
 		for (size_t j = 0; j < TK_FWMAV_SENSED; j++) {
 			change[i] += f->log->gain[i * TK_FWMAV_SENSED + j] * missed[j];

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "angle.h"
 #include "ddr.h"
 #include "effects.h"
 #include "message.h"
@@ -125,11 +126,6 @@ static rotation by_angle(double angle) {
 static void turn(rotation r, double along, double across, double *v) {
 	v[0] = r.c * along - r.s * across;
 	v[1] = r.s * along + r.c * across;
-}
-
-/* to -pi .. pi; most angles are there already */
-static double wrapped(double angle) {
-	return fabs(angle) < 3.14 ? angle : remainder(angle, 6.283185307179586);
 }
 
 /* The measured pose at row `end` of the window that starts at `true_start` in row `start`;

@@ -98,7 +98,7 @@ def baseline_of(log):
 
 
 @lru_cache(maxsize=4)
-def _flown(healthy, yaw):
+def _healthy_flights(healthy, yaw):
     """Innovations of healthy flights."""
     return [_pieces(Fwmav(), log, healthy) for log in healthy.on(yaw)]
 
@@ -107,7 +107,7 @@ def _flown(healthy, yaw):
 def _feigned(healthy, yaw):
     """(gain, peak) that generic accelerations find at most on healthy flights."""
     found = []
-    for pieces in _flown(healthy, yaw):
+    for pieces in _healthy_flights(healthy, yaw):
         left = Generic(pieces).left(pieces.whiten(pieces.residual()).ravel())
         found.append((left.gain, left.peak))
     return np.max(found, axis=0)
@@ -116,7 +116,7 @@ def _feigned(healthy, yaw):
 @lru_cache(maxsize=8)
 def _floor(healthy, yaw):
     """RMS (H, 9) of what is missed ahead on healthy flights."""
-    missed = [gap.ahead(pieces, (), gap.starts_of(pieces)) for pieces in _flown(healthy, yaw)]
+    missed = [gap.ahead(pieces, (), gap.starts_of(pieces)) for pieces in _healthy_flights(healthy, yaw)]
     return np.sqrt(np.mean(np.concatenate(missed) ** 2, axis=0))
 
 

@@ -12,6 +12,7 @@
 #include "message.h"
 
 static const double PI = 3.141592653589793;
+static const double FINE = 0.0005;                         /* s, of a step at most: the shaking asks for it */
 static const double MASS = 0.026;                          /* kg, as the paper's vehicle */
 static const double GRAVITY = 9.81;                        /* m/s^2 */
 static const double INERTIA[3] = {6.4e-5, 3.9e-5, 4.1e-5}; /* kg m^2, scaled */
@@ -177,26 +178,21 @@ void fwmav_derivative(const fwmav_signal *signal, const double *state, double *d
 	actuator_derivative(signal, state, derivative);
 }
 
-static void runge_kutta(const fwmav_signal *signal, double dt, const double *known, double *state) {
+static void runge_kutta(const fwmav_signal *signal, double dt, double *state) {
 	static const double node[4] = {0, 0.5, 0.5, 1}, weight[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
 	double slope[TK_FWMAV_STATES] = {0}, sum[TK_FWMAV_STATES] = {0}, at[TK_FWMAV_STATES], felt[3];
-	if (known) { memcpy(slope, known, sizeof slope); }
 	for (size_t stage = 0; stage < 4; stage++) {
-		if (stage > 0 || !known) {
-			for (size_t i = 0; i < TK_FWMAV_STATES; i++) { at[i] = state[i] + node[stage] * dt * slope[i]; }
-			fwmav_derivative(signal, at, slope, felt);
-		}
+		for (size_t i = 0; i < TK_FWMAV_STATES; i++) { at[i] = state[i] + node[stage] * dt * slope[i]; }
+		fwmav_derivative(signal, at, slope, felt);
 		for (size_t i = 0; i < TK_FWMAV_STATES; i++) { sum[i] += weight[stage] * slope[i]; }
 	}
 	for (size_t i = 0; i < TK_FWMAV_STATES; i++) { state[i] += dt * sum[i]; }
 	quaternion_normalise(state + ATTITUDE);
 }
 
-void fwmav_step(const fwmav_signal *signal, double fine, const double *derivative, double *state) {
-	const size_t parts = (size_t)ceil(signal->common.dt / fine - 1e-9);
-	for (size_t i = 0; i < parts; i++) {
-		runge_kutta(signal, signal->common.dt / (double)parts, i ? NULL : derivative, state);
-	}
+void fwmav_step(const fwmav_signal *signal, double *state) {
+	const size_t parts = (size_t)ceil(signal->common.dt / FINE - 1e-9);
+	for (size_t i = 0; i < parts; i++) { runge_kutta(signal, signal->common.dt / (double)parts, state); }
 	state[PHASE] = fmod(state[PHASE], 2 * PI);
 }
 
@@ -250,7 +246,7 @@ int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, double dt
 		for (size_t i = 0; i < SERVOS; i++) { signal.servo[i] = command[1 + i]; }
 		fwmav_command(&chain, yaw ? TWIST : DIHEDRAL, &signal);
 		memcpy(now, now - TK_FWMAV_STATES, TK_FWMAV_STATES * sizeof *now);
-		fwmav_step(&signal, FWMAV_FINE, NULL, now);
+		fwmav_step(&signal, now);
 		status = fwmav_check(now, (double)(k + 1) * dt);
 	}
 	effects_free(&chain);

@@ -54,9 +54,8 @@ void fwmav_command(const effect_chain *effects, int axis, fwmav_signal *signal);
 
 /* d state / dt, and what an accelerometer in the centre of mass feels (m/s^2, body axes). */
 void fwmav_derivative(const fwmav_signal *signal, const double *state, double *derivative, double *felt);
-/* In parts of at most `fine` (s); the shaking asks for FWMAV_FINE. derivative: at `state`, or null. */
-#define FWMAV_FINE 0.0005
-void fwmav_step(const fwmav_signal *signal, double fine, const double *derivative, double *state);
+/* The step of `signal` on, in as many parts as the shaking asks for. */
+void fwmav_step(const fwmav_signal *signal, double *state);
 /* Fails if the state at time t is not finite. */
 int fwmav_check(const double *state, double t);
 

@@ -171,7 +171,7 @@ static int fly(flight *f, int axis, size_t rows, double *x, double *u, double *s
 			if (u) { u[k] = signal.servo[axis]; }
 		}
 		fwmav_command(&f->effects, axis, &signal);
-		fwmav_step(&signal, FWMAV_FINE, NULL, f->state);
+		fwmav_step(&signal, f->state);
 		blow(f->turbulence, &f->random, f->noise);
 		status = fwmav_check(f->state, (double)(tick + 1) * DT);
 	}

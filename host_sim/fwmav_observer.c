@@ -117,6 +117,18 @@ static void read_imu(const fwmav_signal *signal, const observed *o, double *imu,
 	for (size_t i = 0; i < 3; i++) { imu[i] = o->state[SPIN + i] + signal->gyro[i]; }
 }
 
+/* A tick on by the midpoint rule: without the shaking the vehicle is slow beside a tick, and Runge-Kutta
+ * steps change what is missed by less than 0.004 of its standard deviation. derivative: at the tick's
+ * beginning. */
+static void step(const fwmav_signal *signal, const double *derivative, double *state) {
+	double middle[TK_FWMAV_STATES], slope[TK_FWMAV_STATES], felt[3];
+	const double dt = signal->common.dt;
+	for (size_t i = 0; i < TK_FWMAV_STATES; i++) { middle[i] = state[i] + 0.5 * dt * derivative[i]; }
+	fwmav_derivative(signal, middle, slope, felt);
+	for (size_t i = 0; i < TK_FWMAV_STATES; i++) { state[i] += dt * slope[i]; }
+	quaternion_normalise(state + ATTITUDE);
+}
+
 /* From row k to row k + 1; sensed: what is predicted there. */
 static void advance(const follower *f, size_t k, observed *o, double *sensed) {
 	const double kept = exp(-f->dt / FWMAV_GUSTS), held = exp(-f->dt / CLIMBING);
@@ -124,7 +136,7 @@ static void advance(const follower *f, size_t k, observed *o, double *sensed) {
 	fwmav_signal signal = signal_in(f, k * f->ticks, o);
 	read_imu(&signal, o, imu, derivative);
 	for (size_t tick = k * f->ticks; tick < (k + 1) * f->ticks; tick++) {
-		fwmav_step(&signal, TICK, derivative, o->state);
+		step(&signal, derivative, o->state);
 		for (size_t i = 0; i < 6; i++) { o->air[i] *= kept; }
 		o->lift *= held;
 		signal = signal_in(f, tick + 1, o);

@@ -14,7 +14,7 @@ STEPS = 5000
 PHASES = (50.0, 100.0, 150.0, 200.0)  # s: slip from, friction from, both from, nominal again from
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
 DICTIONARIES = ("poly_ddr", "rbf_ddr")
-DIGITS = 50
+DIGITS = 36
 
 
 # ---- plant: "Nominal Kinematics" and "Non-Stationary Disturbance" ---------------------------

@@ -54,6 +54,7 @@ SWAY = np.array(
     ]
 )
 HARMONICS = np.arange(1, 4)[:, None]
+_, Y, Z = np.eye(3)
 
 
 def usual(*names):
@@ -72,6 +73,12 @@ def euler(states):
 def cross(a, b):
     """np.cross() of two vectors, in a tenth of the time."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def turned(vector, axis, angle):
+    """`vector` about a unit `axis`, by Rodrigues' formula."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * vector + s * cross(axis, vector) + (1 - c) * (axis @ vector) * axis
 
 
 class Vehicle:
@@ -93,9 +100,9 @@ class Vehicle:
         turn = np.sum(tones * 2j * np.pi * HARMONICS * F0 * SWAY, axis=0).real
         force, moment = R @ (MASS * np.sum(tones * SHAKE, axis=0).real), R @ (INERTIA * turn)
         for side, factor in zip((1, -1), thrust):
-            at = R @ Rotation.from_euler("z", side * dihedral).apply([0, side * ARM, 0]) + R[:, 2] * HEIGHT
+            at = R @ (turned(side * ARM * Y, Z, side * dihedral) + HEIGHT * Z)
             size = MASS * G / 2 * (f / F0) ** 2 * (1 + side * share) * factor
-            lean = Rotation.from_euler("y", -side * twist).apply([0, 0, size])
+            lean = turned(size * Z, Y, -side * twist)
             wing = R @ (lean - damping * f * DRAG * (R.T @ (v - [*wind, 0] + cross(w, at))))
             force, moment = force + wing, moment + cross(at, wing)
         return force, moment

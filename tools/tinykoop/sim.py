@@ -240,12 +240,8 @@ def usual_effect(name, t0=0.0, t1=float("inf"), platform="ddr"):
 
 
 def _active_effects(active):
-    c_effects = (_Active * max(len(active), 1))()
-    for slot, effect in zip(c_effects, active):
-        slot.effect, slot.n_parameters = effect.name.encode(), len(effect.parameters)
-        slot.parameters = (ct.c_double * _MAX_PARAMETERS)(*effect.parameters[:_MAX_PARAMETERS])
-        slot.t0, slot.t1 = effect.t0, effect.t1
-    return c_effects
+    rows = [(e.name.encode(), len(e.parameters), e.parameters[:_MAX_PARAMETERS], e.t0, e.t1) for e in active]
+    return (_Active * max(len(rows), 1))(*rows)
 
 
 def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):

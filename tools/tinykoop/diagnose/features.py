@@ -141,7 +141,8 @@ class _Basis:
         F = pieces.whiten(self.raw).reshape(len(self.raw), -1)
         size = np.linalg.norm(F, axis=1)
         keep = size > 1e-9 * size.max()
-        values, vectors = np.linalg.eigh((F[keep] / size[keep, None]) @ (F[keep] / size[keep, None]).T)
+        unit = F[keep] / size[keep, None]
+        values, vectors = np.linalg.eigh(unit @ unit.T)
         good = values > INDEPENDENT * values[-1]
         self.spread = np.zeros((len(F), good.sum()))  # coefficients from white amplitudes
         self.spread[keep] = vectors[:, good] / np.sqrt(values[good]) / size[keep, None]

@@ -115,16 +115,17 @@ def machine_code(source, *options):
     return made, set(re.findall(r"^\t\.globl\t(\w+)", text, re.M))
 
 
-def test_the_pair_is_the_library(pair):
+@pytest.mark.parametrize("vectors", [1, 0])
+def test_the_pair_is_the_library(pair, vectors):
     """The same machine code but for the names of what is static: what the C tests found of lib/ holds for the pair."""
-    library, exported = {}, set()
+    library, exported, option = {}, set(), f"-DKOOP_VECTORS={vectors}"
     for unit in ("koopf", "koopd", "koopf_guard", "koopd_guard"):
-        made, names = machine_code(ROOT / f"lib/{unit}.c", f"-I{ROOT / 'lib/include'}")
+        made, names = machine_code(ROOT / f"lib/{unit}.c", f"-I{ROOT / 'lib/include'}", option)
         exported |= names
         own = re.compile(rf"\b({'|'.join(name for name in made.keys() - names if '.' not in name)})\b")
         for name, bodies in made.items():
             library.setdefault(own.sub(rf"{unit}_\1", name), []).extend(own.sub(rf"{unit}_\1", body) for body in bodies)
-    made, names = machine_code(pair / "tinykoop.c")
+    made, names = machine_code(pair / "tinykoop.c", option)
     assert names == exported
     assert made.keys() == library.keys()
     assert [name for name in made if sorted(made[name]) != sorted(library[name])] == []

@@ -7,6 +7,7 @@ refuses is raised as UserError with its message.
 import ctypes as ct
 import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -214,9 +215,14 @@ class Effect:
 
 
 def effects(platform="ddr"):
-    """{name: (block, [(parameter, unit, low, high, usual), ..])} of every effect, in the order of action."""
+    """{name: (block, ((parameter, unit, low, high, usual), ..))} of every effect, in the order of action."""
     if platform not in _PLATFORM_SIZES:
         raise UserError(f"there is no platform named '{platform}': use {' or '.join(_PLATFORM_SIZES)}")
+    return dict(_effects(platform))
+
+
+@cache
+def _effects(platform):
     table, c_platform = {}, platform.encode()
     while name := _call("tk_effect_name", c_platform, ct.c_size_t(len(table))):
         place = (c_platform, ct.c_size_t(len(table)))
@@ -230,7 +236,7 @@ def effects(platform="ddr"):
             )  # fmt: skip
             rows.append((parameter.value.decode(), unit.value.decode(), low.value, high.value, usual.value))
         block = ("actuator", "plant", "sensor")[_call("tk_effect_block", *place)]
-        table[name.decode()] = (block, rows)
+        table[name.decode()] = (block, tuple(rows))
     return table
 
 

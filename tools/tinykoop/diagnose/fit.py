@@ -5,6 +5,7 @@ gradient at zero; damped Gauss-Newton steps and, for what has no gradient at all
 """
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -48,6 +49,14 @@ class Fit:
 def active(causes):
     """All causes as the simulator takes them."""
     return [effect for cause in causes for effect in cause.active()]
+
+
+@lru_cache(maxsize=256)
+def _rays(usual, low, high):
+    """Vectors along `usual` and, if it may be, against it; what the bounds make the same is there once."""
+    signs = (1, -1) if min(low) < 0 else (1,)
+    inside = (np.clip(sign * r * np.array(usual), low, high) for sign in signs for r in RAY)
+    return [np.array(z) for z in dict.fromkeys(map(tuple, inside))]
 
 
 class Fitter:
@@ -194,16 +203,9 @@ class Fitter:
 
     def rays(self, name):
         """The effect with nothing set, and the vectors to begin a scan with, in usual values."""
-        cause = Cause(name, (0.0,) * len(self.effects[name][1]))
-        usual = np.array([np.sign(p.usual) or 1.0 for p in self.effects[name][1]])
-        low, _ = self.bounds(cause)
-        signs = (1, -1) if np.any(low < 0) else (1,)
-        seen = []
-        for s in (sign * r for sign in signs for r in RAY):
-            z = np.clip(s * usual, *self.bounds(cause))
-            if not any(np.array_equal(z, other) for other in seen):
-                seen.append(z)
-        return cause, seen
+        spec = self.effects[name][1]
+        cause = Cause(name, (0.0,) * len(spec))
+        return cause, _rays(tuple(np.sign(p.usual) or 1.0 for p in spec), *map(tuple, self.bounds(cause)))
 
     def scan(self, name, base, segments=ALWAYS):
         """The best of the rays of one effect on top of `base`, not refined; and all fits seen."""

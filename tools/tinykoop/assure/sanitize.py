@@ -82,7 +82,7 @@ def address_python():
         "OPENBLAS_NUM_THREADS": "1",
         "TINYKOOP_SIM": str(folder / "host_sim/libtinykoop_sim.so"),
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-n", str(os.cpu_count() or 1), "--dist", "loadgroup"]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", str(os.cpu_count() or 1), "--dist", "loadfile"]
     command += [f"--ignore=test/python/{name}" for name in NO_PRELOAD]
     environment = os.environ | settings
     done = subprocess.run([*command, "test/python"], cwd=ROOT, env=environment, capture_output=True, text=True, errors="replace")

@@ -25,7 +25,7 @@ typedef float real;
 #define MODEL_BYTES(N, m) KOOPF_MODEL_BYTES(N, m)
 #endif
 
-/* The random problems of test_mpc and test_extremes are divided by it where the processor is emulated. */
+/* The search of test_extremes is divided by it where the processor is emulated. */
 #ifndef TEST_SHARE
 #define TEST_SHARE 1
 #endif

@@ -209,7 +209,7 @@ static void check_problem(const problem *p, int round, double allowed) {
 
 static void test_newton(void) {
 	random_source random = random_seed(1);
-	for (int round = 0; round < 1500 / TEST_SHARE; round++) {
+	for (int round = 0; round < 1500; round++) {
 		problem p;
 		random_problem(&random, &p, KOOP_MPC_NEWTON);
 		check_problem(&p, round, TEST_DOUBLE ? 1e-8 : 1e-3);
@@ -218,7 +218,7 @@ static void test_newton(void) {
 
 static void test_gradient(void) {
 	random_source random = random_seed(2);
-	for (int round = 0; round < 500 / TEST_SHARE; round++) {
+	for (int round = 0; round < 500; round++) {
 		problem p;
 		random_problem(&random, &p, KOOP_MPC_GRADIENT);
 		p.config.tolerance = (real)(TEST_DOUBLE ? 1e-11 : 1e-6);
@@ -230,7 +230,7 @@ static void test_gradient(void) {
  * be. */
 static void test_tolerance_beyond_round_off(void) {
 	random_source random = random_seed(5);
-	for (int round = 0; round < 400 / TEST_SHARE; round++) {
+	for (int round = 0; round < 400; round++) {
 		problem p;
 		random_problem(&random, &p, round % 2 ? KOOP_MPC_NEWTON : KOOP_MPC_GRADIENT);
 		p.config.tolerance = REAL_MIN;

@@ -8,7 +8,7 @@ void reference_start(reference *r, const estimator *e) {
 	r->lambda = strcmp(r->regulator, "none") == 0 ? 1 : (wide)e->config.lambda;
 	r->delta = (wide)e->config.delta;
 	r->tau0 = e->config.tau0 > 0 ? (wide)e->config.tau0 : (wide)e->config.p0 * (wide)r->d;
-	r->eps_sift = e->config.eps_sift > 0 ? (wide)e->config.eps_sift : 1e-10L;
+	r->eps_sift = e->config.eps_sift > 0 ? (wide)e->config.eps_sift : (wide)1e-10L;
 	for (size_t i = 0; i < r->d; i++) {
 		r->P[i * r->d + i] = (wide)e->config.p0;
 		r->R[i * r->d + i] = 1 / (wide)e->config.p0;
@@ -48,7 +48,7 @@ int reference_update(reference *r, const real *zeta_real, const real *psi_next) 
 		for (size_t j = 0; j < d; j++) { error[i] -= r->theta[i * d + j] * zeta[j]; }
 		innovation += error[i] * error[i];
 	}
-	innovation = sqrtl(innovation);
+	innovation = sqrt(innovation);
 
 	const int dead_zone = strncmp(r->regulator, "dz_", 3) == 0;
 	const int gated = dead_zone && innovation <= r->delta;

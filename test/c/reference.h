@@ -1,4 +1,4 @@
-/* The paper's recursions written out literally in long double: slow, and
+/* The paper's recursions written out literally in wide arithmetic: slow, and
  * independent of how the library arranges them. */
 #ifndef REFERENCE_H
 #define REFERENCE_H

@@ -141,7 +141,7 @@ int learned_is_finite(const learned *a, const estimator *e) {
 wide norm(const real *x, size_t count) {
 	wide sum = 0;
 	for (size_t i = 0; i < count; i++) { sum += (wide)x[i] * (wide)x[i]; }
-	return sqrtl(sum);
+	return sqrt(sum);
 }
 
 wide trace_of(const real *P, size_t d) {
@@ -160,7 +160,7 @@ static int cholesky(wide *M, size_t d) {
 				M[i * d + j] = sum / M[j * d + j];
 			} else {
 				if (!(sum > 0)) { return 0; }
-				M[i * d + i] = sqrtl(sum);
+				M[i * d + i] = sqrt(sum);
 			}
 		}
 	}
@@ -225,8 +225,8 @@ void eigenvalue_range(const real *P, size_t d, double *least, double *largest) {
 double relative_difference(const real *a, const wide *b, size_t count) {
 	wide difference = 0, size = 0;
 	for (size_t i = 0; i < count; i++) {
-		difference = fmaxl(difference, fabsl((wide)a[i] - b[i]));
-		size = fmaxl(size, fabsl(b[i]));
+		difference = fmax(difference, fabs((wide)a[i] - b[i]));
+		size = fmax(size, fabs(b[i]));
 	}
 	return (double)(size > 0 ? difference / size : difference);
 }

@@ -77,7 +77,7 @@ int learned_same_theta(const learned *a, const learned *b, const estimator *e);
 int learned_same_covariance(const learned *a, const learned *b, const estimator *e);
 int learned_is_finite(const learned *a, const estimator *e);
 
-/* ---- Linear algebra in long double ------------------------------------------- */
+/* ---- Linear algebra in wide arithmetic --------------------------------------- */
 
 wide norm(const real *x, size_t count);
 wide trace_of(const real *P, size_t d);

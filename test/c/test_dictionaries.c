@@ -1,16 +1,16 @@
-/* Lifted values against the formulas, computed in long double. */
+/* Lifted values against the formulas, computed in wide arithmetic. */
 #include "support.h"
 
 /* relative to 1, the size of the sines and Gaussians */
 static void check_value(size_t index, real value, wide expected) {
-	const wide tolerance = 8 * (wide)REAL_EPSILON * fmaxl(1, fabsl(expected));
-	CHECK(fabsl((wide)value - expected) <= tolerance, "psi[%u] = %.17g instead of %.17g", (unsigned)index,
+	const wide tolerance = 8 * (wide)REAL_EPSILON * fmax(1, fabs(expected));
+	CHECK(fabs((wide)value - expected) <= tolerance, "psi[%u] = %.17g instead of %.17g", (unsigned)index,
 	      (double)value, (double)expected);
 }
 
 static wide gaussian(real a, real b, wide center_a, wide center_b, wide sigma) {
 	const wide da = (wide)a - center_a, db = (wide)b - center_b;
-	return expl(-(da * da + db * db) / (2 * sigma * sigma));
+	return exp(-(da * da + db * db) / (2 * sigma * sigma));
 }
 
 /* the centers of a 4 x 4 grid over [-reach, reach]: first coordinate slow, second fast */
@@ -27,20 +27,20 @@ static size_t expect_grid(real a, real b, wide reach, wide sigma, wide *out) {
 
 static void expect_poly_ddr(const real *x, wide *psi) {
 	for (int i = 0; i < 3; i++) { psi[i] = (wide)x[i]; }
-	psi[3] = powl((wide)x[0], 2);
-	psi[4] = powl((wide)x[1], 2);
-	psi[5] = sinl((wide)x[2]);
-	psi[6] = cosl((wide)x[2]);
+	psi[3] = pow((wide)x[0], 2);
+	psi[4] = pow((wide)x[1], 2);
+	psi[5] = sin((wide)x[2]);
+	psi[6] = cos((wide)x[2]);
 }
 
 static void expect_rbf_ddr(const real *x, wide *psi) {
 	for (int i = 0; i < 3; i++) { psi[i] = (wide)x[i]; }
 	expect_grid(x[0], x[1], 3, 1.5L, psi + 3);
-	psi[19] = sinl((wide)x[2]);
-	psi[20] = cosl((wide)x[2]);
+	psi[19] = sin((wide)x[2]);
+	psi[20] = cos((wide)x[2]);
 	/* atan2(sin, cos) is the angle wrapped to (-pi, pi] */
-	const wide turn = 8 * atanl(1);
-	psi[21] = remainderl((wide)x[2], turn);
+	const wide turn = 8 * atan((wide)1);
+	psi[21] = remainder((wide)x[2], turn);
 }
 
 static void expect_poly_fwmav(const real *x, wide *psi) {
@@ -49,18 +49,18 @@ static void expect_poly_fwmav(const real *x, wide *psi) {
 	for (int i = 0; i < 3; i++) { psi[k++] = (wide)x[i] * (wide)x[i]; }
 	for (int i = 0; i < 3; i++) { psi[k++] = (wide)x[i] * (wide)x[(i + 1) % 3]; }
 	for (int angle = 6; angle <= 7; angle++) {
-		psi[k++] = sinl((wide)x[angle]);
-		psi[k++] = cosl((wide)x[angle]);
+		psi[k++] = sin((wide)x[angle]);
+		psi[k++] = cos((wide)x[angle]);
 	}
 }
 
 static void expect_rbf_fwmav(const real *x, wide *psi) {
 	size_t k = 10;
 	for (int i = 0; i < 10; i++) { psi[i] = (wide)x[i]; }
-	k += expect_grid(x[6], x[7], 0.6L, 0.3L, psi + k);
+	k += expect_grid(x[6], x[7], (wide)0.6L, (wide)0.3L, psi + k);
 	for (int angle = 6; angle <= 7; angle++) {
-		psi[k++] = sinl((wide)x[angle]);
-		psi[k++] = cosl((wide)x[angle]);
+		psi[k++] = sin((wide)x[angle]);
+		psi[k++] = cos((wide)x[angle]);
 	}
 }
 

@@ -2,7 +2,7 @@
  * double. All numbers between: `tinykoop determinism`. */
 #include "support.h"
 
-static const wide TURN = 6.28318530717958647692528676655900577L;
+static const wide TURN = (wide)6.28318530717958647692528676655900577L;
 
 /* beyond FAR the angle's own last place is the larger error; beyond LARGEST it has no sine */
 #if TEST_DOUBLE
@@ -17,7 +17,7 @@ static const wide TURN = 6.28318530717958647692528676655900577L;
 static double units(real value, wide expected, wide unit) {
 	int exponent;
 	frexpl(unit, &exponent);
-	return (double)(fabsl((wide)value - expected) / ldexpl((wide)REAL_EPSILON, exponent - 1));
+	return (double)(fabs((wide)value - expected) / ldexp((wide)REAL_EPSILON, exponent - 1));
 }
 
 static void lift_angle(real angle, real *psi) {
@@ -28,10 +28,10 @@ static void lift_angle(real angle, real *psi) {
 static void check_angle(real angle) {
 	real psi[22];
 	lift_angle(angle, psi);
-	const wide sine = sinl((wide)angle), cosine = cosl((wide)angle);
+	const wide sine = sin((wide)angle), cosine = cos((wide)angle);
 	CHECK(units(psi[19], sine, sine) < 1, "sin(%.17g) = %.17g", (double)angle, (double)psi[19]);
 	CHECK(units(psi[20], cosine, cosine) < 1, "cos(%.17g) = %.17g", (double)angle, (double)psi[20]);
-	const wide wrapped = atan2l((wide)psi[19], (wide)psi[20]);
+	const wide wrapped = atan2((wide)psi[19], (wide)psi[20]);
 	CHECK(units(psi[21], wrapped, wrapped) < 1, "%.17g wrapped to %.17g", (double)angle, (double)psi[21]);
 }
 
@@ -70,9 +70,9 @@ static void test_far_angles_lose_their_last_place_only(void) {
 		const real angle = random_uniform(&random, -LARGEST, LARGEST);
 		real psi[22];
 		lift_angle(angle, psi);
-		const wide off = remainderl((wide)psi[21] - (wide)angle, TURN);
-		CHECK(units(psi[19], sinl((wide)angle), (wide)angle) < 1, "sin(%.17g)", (double)angle);
-		CHECK(units(psi[20], cosl((wide)angle), (wide)angle) < 1, "cos(%.17g)", (double)angle);
+		const wide off = remainder((wide)psi[21] - (wide)angle, TURN);
+		CHECK(units(psi[19], sin((wide)angle), (wide)angle) < 1, "sin(%.17g)", (double)angle);
+		CHECK(units(psi[20], cos((wide)angle), (wide)angle) < 1, "cos(%.17g)", (double)angle);
 		CHECK(units(0, off, (wide)angle) < 1, "%.17g wrapped", (double)angle);
 		TEST_ASSERT_TRUE(psi[19] >= -1 && psi[19] <= 1 && psi[20] >= -1 && psi[20] <= 1);
 	}
@@ -100,7 +100,7 @@ static void test_exponential_from_one_to_nothing(void) {
 	for (int k = 0; k <= 20000; k++) {
 		const real x[3] = {(real)(k / 256.0), -3, 0}, away = x[0] + 3;
 		const real exponent = factor * away * away;
-		const wide expected = expl(-(wide)exponent);
+		const wide expected = exp(-(wide)exponent);
 		real psi[22];
 		CHECK_STATUS(KOOP_OK, KOOP(lift)(&KOOP(rbf_ddr), x, psi));
 		if (expected < (wide)REAL_MIN) {

@@ -106,7 +106,7 @@ static void test_predicts_theta_times_zeta(void) {
 			for (size_t j = 0; j < d; j++) { expected += (wide)theta[i * d + j] * (wide)zeta[j]; }
 			/* d products of at most 4, each off by epsilon of the running sum */
 			const wide tolerance = 4 * (wide)(d * d) * (wide)REAL_EPSILON;
-			CHECK(fabsl((wide)psi_next[i] - expected) <= tolerance, "%g instead of %g", (double)psi_next[i],
+			CHECK(fabs((wide)psi_next[i] - expected) <= tolerance, "%g instead of %g", (double)psi_next[i],
 			      (double)expected);
 		}
 		/* in place */
@@ -210,14 +210,14 @@ static void test_health_of_an_accepted_sample(void) {
 						predicted += (wide)before.theta[i * D + j] * (wide)zeta[j];
 					}
 					error[i] = (real)((wide)psi_next[i] - predicted);
-					size = fmaxl(size, fabsl(predicted));
+					size = fmax(size, fabs(predicted));
 				}
 				const wide tolerance = 8 * D * (wide)REAL_EPSILON * (size + norm(psi_next, N));
-				CHECK(fabsl((wide)health.innovation - norm(error, N)) <= tolerance, "%g instead of %g",
+				CHECK(fabs((wide)health.innovation - norm(error, N)) <= tolerance, "%g instead of %g",
 				      (double)health.innovation, (double)norm(error, N));
 
 				const wide trace = trace_of(after.covariance, D);
-				CHECK(fabsl((wide)health.trace - trace) <= D * (wide)REAL_EPSILON * trace, "%g, not %g",
+				CHECK(fabs((wide)health.trace - trace) <= D * (wide)REAL_EPSILON * trace, "%g, not %g",
 				      (double)health.trace, (double)trace);
 				real least = after.covariance[0];
 				for (size_t i = 0; i < D; i++) {

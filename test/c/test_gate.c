@@ -117,7 +117,7 @@ static void test_outlier_leaves_no_trace(void) {
 			CHECK(innovation > 20 * NOISE && innovation < 40 * NOISE, "%g", innovation);
 			CHECK(health.finite && health.positive_definite && health.min_diagonal > 0, "health");
 			const wide trace = trace_of(before.covariance, D);
-			CHECK(fabsl((wide)health.trace - trace) <= D * (wide)REAL_EPSILON * trace, "trace");
+			CHECK(fabs((wide)health.trace - trace) <= D * (wide)REAL_EPSILON * trace, "trace");
 			TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 5));
 		}
 	}

@@ -1,7 +1,7 @@
 /* Many random problems of the controller, up to the size of the paper's and beyond what
  * its models lead to: Hessians with condition numbers up to 1e8, boxes that hold all
  * inputs or none, horizon 1, one lifted state, models that no input moves. What is
- * checked is optimality itself: the gradient by a costate recursion in long double,
+ * checked is optimality itself: the gradient by a costate recursion in wide arithmetic,
  * which shares nothing with condensing. */
 #include "support.h"
 
@@ -150,13 +150,13 @@ static void check_plan(const problem *p, const wide *diagonal, int round, double
 		CHECK(plan[q] >= low && plan[q] <= high, "round %d: outside the box", round);
 		wide step = plan[q] - gradient[q] / diagonal[q];
 		step = step < low ? low : step > high ? high : step;
-		if (fabsl(step - plan[q]) > residual) { residual = fabsl(step - plan[q]); }
+		if (fabs(step - plan[q]) > residual) { residual = fabs(step - plan[q]); }
 		if (high - low > width) { width = high - low; }
 		held += plan[q] <= low || plan[q] >= high;
 	}
 	CHECK(residual <= allowed * (1 + (double)width),
-	      "round %d: N %zu n %zu m %zu H %zu: residual %Lg after %zu steps, told %g", round, p->N, p->n, p->m,
-	      p->H, residual, result.iterations, (double)result.residual);
+	      "round %d: N %zu n %zu m %zu H %zu: residual %g after %zu steps, told %g", round, p->N, p->n, p->m,
+	      p->H, (double)residual, result.iterations, (double)result.residual);
 	seen->solves++;
 	seen->none += held == 0;
 	seen->all += held == p->H * p->m;
@@ -290,8 +290,9 @@ static int check_singular(random_source *random, problem *p, int round) {
 		if (status == KOOP_OK) {
 			const wide cost = cost_of(p, plan), before = cost_of(p, from);
 			/* the states are rounded, and the errors that cost are what is left of them */
-			const wide rounding = (wide)REAL_EPSILON * 1000 * (sqrtl(before) + before);
-			CHECK(cost <= before + rounding, "round %d: cost %Lg, was %Lg", round, cost, before);
+			const wide rounding = (wide)REAL_EPSILON * 1000 * (sqrt(before) + before);
+			CHECK(cost <= before + rounding, "round %d: cost %g, was %g", round, (double)cost,
+			      (double)before);
 		} else {
 			CHECK_STATUS(KOOP_E_INDEFINITE, status);
 			for (size_t q = 0; q < p->H * p->m; q++) { TEST_ASSERT_TRUE(plan[q] == 0); }

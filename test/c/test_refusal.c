@@ -48,7 +48,7 @@ static void check_health_of_refusal(const KOOP(health) *health, int finite, int 
 	TEST_ASSERT_EQUAL_INT(positive_definite, health->positive_definite);
 	TEST_ASSERT_EQUAL_INT(0, health->gated);
 	/* of P as it was kept */
-	CHECK(fabsl((wide)health->trace - trace) <= D * (wide)REAL_EPSILON * trace, "%g", (double)health->trace);
+	CHECK(fabs((wide)health->trace - trace) <= D * (wide)REAL_EPSILON * trace, "%g", (double)health->trace);
 	real least = now.covariance[0];
 	for (int i = 0; i < D; i++) {
 		if (now.covariance[i * D + i] < least) { least = now.covariance[i * D + i]; }

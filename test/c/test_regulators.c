@@ -226,7 +226,7 @@ static void test_constant_trace(void) {
 				random_fill(&random, psi_next, N, -1, 1);
 				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
 				learned_take(&now, &e);
-				const wide off = fabsl(trace_of(now.covariance, d) - tau0);
+				const wide off = fabs(trace_of(now.covariance, d) - tau0);
 				CHECK(off <= tolerance, "%s step %d: off by %.3g epsilon", estimator_name(&e), k,
 				      (double)(off / tau0 / (wide)REAL_EPSILON));
 			}

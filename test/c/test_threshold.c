@@ -95,11 +95,11 @@ static void test_quantiles_of_random_data(void) {
 		random_fill(&random, scores, COUNT, 0, 5);
 		const real eta = random_uniform(&random, 0, 1);
 		CHECK_STATUS(KOOP_OK, KOOP(threshold)(scores, COUNT, eta, &delta));
-		const wide h = 100 * (wide)eta, below = floorl(h);
+		const wide h = 100 * (wide)eta, below = floor(h);
 		const size_t i = (size_t)below;
 		const wide expected = (1 - (h - below)) * (wide)scores[i] + (h - below) * (wide)scores[i + 1];
 		/* h carries an error of up to 100 epsilon, the gap between scores is at most 5 */
-		CHECK(fabsl((wide)delta - expected) <= 500 * (wide)REAL_EPSILON, "eta %g: %g instead of %g",
+		CHECK(fabs((wide)delta - expected) <= 500 * (wide)REAL_EPSILON, "eta %g: %g instead of %g",
 		      (double)eta, (double)delta, (double)expected);
 	}
 }

@@ -5,6 +5,8 @@ PYTHON ?= python3
 BUILD := build
 VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
+# not compiled in advance: most is never imported
+PIP_OPTIONS := --quiet --disable-pip-version-check --no-compile
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
 .PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak determinism sanitize amalgamate packagers clean
@@ -25,14 +27,14 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@echo "Python environment ..."
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements.txt
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e tools
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements.txt
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e tools
 	@touch $@
 
 # The solvers that the controller is compared with: heavy, and needed nowhere else.
 $(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/ready
 	@echo "Solvers to compare with ..."
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-bench.txt
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-bench.txt
 	@touch $@
 
 build: $(VENV)/ready ## everything for the host: libraries, simulator, Python environment with the tinykoop command
@@ -72,7 +74,7 @@ diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, PLATFORM=
 # What the blind check needs beside the diagnoser: its peers, and a way to all cores.
 $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
 	@echo "Peers of the diagnoser ..."
-	@$(VENV)/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-blind.txt -r tools/requirements-peers.txt
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-blind.txt -r tools/requirements-peers.txt
 	@touch $@
 
 blind: build $(VENV)/blind-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=, PLATFORM=fwmav): blind.json
@@ -118,7 +120,7 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 	@echo "Package managers ..."
 	@rm -rf $(BUILD)/packagers
 	@$(PYTHON) -m venv $(BUILD)/packagers
-	@$(BUILD)/packagers/bin/pip install --quiet --disable-pip-version-check -r tools/requirements-packagers.txt
+	@$(BUILD)/packagers/bin/pip install $(PIP_OPTIONS) -r tools/requirements-packagers.txt
 	@touch $@
 
 packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig

@@ -15,7 +15,7 @@ from functools import partial
 from ..command import need
 from ..command import run as run_command
 from ..errors import UserError
-from ..results import number, output_folder, print_table, progress, write_json
+from ..results import number, output_folder, print_table, write_json
 from ..targets import FOLDER as TARGETS
 from ..targets import ROOT, Tree, side_by_side
 
@@ -229,8 +229,7 @@ def run(out):
     out = output_folder(out)
     missing = missing_here()
     all_builds = builds(missing)
-    # one after the other: a compiler of this size takes a core, and -O3 much memory
-    seen = {build: build.parts() for build in progress(all_builds, "building, running")}
+    seen = dict(zip(all_builds, side_by_side([build.parts for build in all_builds], "building, running")))
     reference = seen[all_builds[0]]
     if not reference:
         raise UserError(f"{all_builds[0].name}: bits printed nothing")

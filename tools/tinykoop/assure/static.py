@@ -86,8 +86,8 @@ def cppcheck(unit, vectors):
 
 # Precision, and how many states are kept apart: of what was enough the fastest. The controller's Newton method is not
 # among them: which rows its factor has depends on which inputs are free, and Eva keeps no such relation.
-EVA = "-eva -eva-precision 2 -eva-split-return full -eva-slevel 100 -eva-auto-loop-unroll 200 -eva-no-print -warn-special-float none"
-EVA_CONTROLLER = EVA.replace("precision 2", "precision 1").replace("slevel 100", "slevel 12")
+EVA = "-eva -eva-precision 0 -eva-split-return full -eva-slevel 70 -eva-auto-loop-unroll 200 -eva-no-print -warn-special-float none"
+EVA_CONTROLLER = EVA.replace("slevel 70", "slevel 12")
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
 FORMS = ("plain", "sqrt")
 
@@ -95,7 +95,7 @@ FORMS = ("plain", "sqrt")
 def eva_runs():
     """{name: (options, macros)} of what Eva is run on."""
     learner = {"LIFTED": 2, "INPUTS": 1, "REGULATOR": "koopf_reg_ef", "FORM": "koopf_form_sqrt"}
-    runs = {"messages": (EVA.replace("slevel 100", "slevel 100000"), learner | {"MESSAGES": 1})}
+    runs = {"messages": (EVA.replace("slevel 70", "slevel 100000"), learner | {"MESSAGES": 1})}
     for regulator, form in itertools.product(REGULATORS, FORMS):
         for lifted, inputs, vectors in ((2, 1, 0), (5, 2, 1))[: 2 if regulator in ("ct", "sift") else 1]:
             macros = {"LEARNER": 1, "LIFTED": lifted, "INPUTS": inputs, "KOOP_VECTORS": vectors}

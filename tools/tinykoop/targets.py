@@ -36,7 +36,7 @@ LEFT_OUT = (
     (".*", "elementary_koopd", "holds against long double, which is no wider than double there, or computed in software"),
     ("(?!cortex-m7)", "guard_koopf", "dozens of closed loops, a minute or more: run on one target"),
     (".*", "guard_koopd", "likewise, and the code is guard_koopf's"),
-    ("rv32imafc", "long_run_koopf", "compares with double, which is computed in software: half a minute; so is the M4F, where it runs"),
+    ("rv32imafc", "long_run_koopf", "compares in double, which is computed in software: half a minute; it is so on the M4F too, where this runs"),
     ("(?!cortex-m7)", "(regulators|covariance|long_run|mpc|refusal|extremes)_koopd", "double is computed in software, minutes under emulation"),
 )
 

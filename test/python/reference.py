@@ -1,7 +1,7 @@
 """The paper written down a second time, to check lib/ and host_sim/ against.
 
 Nothing here calls or imitates the C code: the recursions keep the information matrix R = P^-1,
-never P, solve for the gain at every step, and count in decimals of 50 digits, so that against
+never P, solve for the gain at every step, and count in decimals of DIGITS digits, so that against
 float64 they are exact. The plant and the dictionaries are plain NumPy.
 """
 

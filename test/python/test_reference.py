@@ -1,4 +1,4 @@
-"""lib/ and host_sim/ against reference.py: another author's reading of the paper, in 50-digit arithmetic.
+"""lib/ and host_sim/ against reference.py: another author's reading of the paper, in many decimals.
 
 Tolerances are those that the project promises; the agreement found is noted beside them.
 """

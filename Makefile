@@ -5,8 +5,7 @@ PYTHON ?= python3
 BUILD := build
 VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
-# not compiled in advance: most is never imported
-PIP_OPTIONS := --quiet --disable-pip-version-check --no-compile
+PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
 .PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak determinism sanitize amalgamate packagers clean

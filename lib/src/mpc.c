@@ -322,9 +322,10 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	const int status = mpc_config_check(config);
 	if (status != KOOP_OK) { return status; }
 	if (!mpc || !storage) { return KOOP_E_NULL; }
-	if (reals < mpc_reals_needed(config)) { return KOOP_E_STORAGE; }
+	const size_t needed = mpc_reals_needed(config);
+	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	for (size_t i = 0; i < mpc_reals_needed(config); i++) { storage[i] = 0; }
+	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
 	mpc->config = *config;
 	if (!(config->tolerance > 0)) { mpc->config.tolerance = MPC_TOLERANCE; }
 	mpc_lay_out(mpc, storage);

@@ -75,9 +75,10 @@ static void costate_gradient(const problem *p, const real *u, wide *gradient) {
 	for (size_t i = 0; i < p->N; i++) { x[0][i] = p->psi[i]; }
 	for (size_t k = 0; k < p->H; k++) {
 		for (size_t i = 0; i < p->N; i++) {
-			x[k + 1][i] = 0;
-			for (size_t j = 0; j < p->N; j++) { x[k + 1][i] += model(p, i, j) * x[k][j]; }
-			for (size_t j = 0; j < p->m; j++) { x[k + 1][i] += model(p, i, p->N + j) * u[k * p->m + j]; }
+			wide next = 0;
+			for (size_t j = 0; j < p->N; j++) { next += model(p, i, j) * x[k][j]; }
+			for (size_t j = 0; j < p->m; j++) { next += model(p, i, p->N + j) * u[k * p->m + j]; }
+			x[k + 1][i] = next;
 		}
 	}
 	for (size_t k = p->H; k-- > 0;) {

@@ -394,6 +394,17 @@ def test_last_command_is_not_used(log):
     assert np.array_equal(*pairs, equal_nan=True)
 
 
+def test_rollouts_asked_again_answer_as_new_ones(log):
+    """Whatever was asked before, a refusal too."""
+    x, u, usable = log
+    rollouts = sim.Rollouts(x, u, DT, range(0, 350, 5), (1, 50), usable)
+    for names in (KNOWN, (), ("transport_delay",), ("pacejka_slip", "actuator_lag"), ()):
+        with pytest.raises(sim.UserError, match="cannot be undone"):
+            rollouts.predict(usual("measurement_noise"))
+        fresh = sim.windows(x, u, DT, range(0, 350, 5), (1, 50), usual(*names), usable)
+        assert np.array_equal(rollouts.predict(usual(*names)), fresh, equal_nan=True), names
+
+
 # ---- bad input -----------------------------------------------------------------------------------
 
 

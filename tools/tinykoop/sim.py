@@ -263,28 +263,41 @@ def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     return x
 
 
-def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):
-    """Predicts a log's measured poses x (K, 3) from its commands u (K or K-1, 2), in windows of their own.
+class Rollouts:
+    """A log's measured poses x (K, 3), predicted from its commands u (K or K-1, 2) in windows of their own.
 
     A window begins at the pose measured in a row of `starts` (S); `steps` (n) says how many steps later
     it is compared. Actuator states are rolled over the whole log, through what is not usable (K-1) too.
-    Returns predicted (S, n, 3) [m, m, rad] and residual (S, n, 3), measured less predicted: along, across
-    [m, in the axes of the pose measured at the start] and heading [rad, wrapped]; NaN where an
-    unusable transition, or the end of the log, lies between.
     """
-    x, u = _in(x, 3), _in(u, 2)
-    starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
-    usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
-    if len(u) not in (len(x), len(x) - 1) or (usable is not None and len(usable) != len(x) - 1):
-        raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
-    predicted, residual = np.empty((2, len(starts), len(steps), 3))
-    log = _Recording(len(x), dt, _address(x), _address(u), _address(usable))
-    _check(
-        "tk_windows", _active_effects(active), ct.c_size_t(len(active)), ct.c_int(integrator), ct.byref(log),
-        ct.c_size_t(len(starts)), _address(starts), ct.c_size_t(len(steps)), _address(steps),
-        _address(predicted), _address(residual),
-    )  # fmt: skip
-    return predicted, residual
+
+    def __init__(self, x, u, dt, starts, steps, usable=None, integrator=EULER):
+        x, u = _in(x, 3), _in(u, 2)
+        starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
+        usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
+        if len(u) not in (len(x), len(x) - 1) or (usable is not None and len(usable) != len(x) - 1):
+            raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
+        self._predicted, self._residual = np.empty((2, len(starts), len(steps), 3))
+        self._kept = x, u, usable, starts, steps  # what the addresses are of
+        log = _Recording(len(x), dt, _address(x), _address(u), _address(usable))
+        self._arguments = (
+            ct.c_int(integrator), ct.byref(log),
+            ct.c_size_t(len(starts)), _address(starts), ct.c_size_t(len(steps)), _address(steps),
+            _address(self._predicted), _address(self._residual),
+        )  # fmt: skip
+
+    def predict(self, active=()):
+        """predicted (S, n, 3) [m, m, rad] and residual (S, n, 3), both until the next call.
+
+        The residual is measured less predicted: along, across [m, in the axes of the pose measured at the
+        start] and heading [rad, wrapped]; NaN where an unusable transition, or the end of the log, lies between.
+        """
+        _check("tk_windows", _active_effects(active), ct.c_size_t(len(active)), *self._arguments)
+        return self._predicted, self._residual
+
+
+def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):
+    """What Rollouts predict with one set of effects."""
+    return Rollouts(x, u, dt, starts, steps, usable, integrator).predict(active)
 
 
 # ---- sizes -----------------------------------------------------------------------------------

@@ -220,11 +220,10 @@ def predictions(result):
     steps = min(HORIZONS[-1], int((runs[:, 1] - runs[:, 0]).max()))
     starts = np.concatenate([np.arange(a, b - steps + 1, steps) for a, b in runs])
     rows = starts[:, None] + np.arange(steps + 1)
+    rollouts = pieces.platform.rollouts(log.x, log.u, log.dt, starts, np.arange(1, steps + 1), log.usable, pieces.integrator)
     out = []
     for causes in ((), result.fit.causes):
-        predicted, _ = pieces.platform.windows(
-            log.x, log.u, log.dt, starts, np.arange(1, steps + 1), active(causes), log.usable, pieces.integrator
-        )  # fmt: skip
+        predicted, _ = rollouts.predict(active(causes))
         out.append(np.concatenate([log.x[starts][:, None, :2], predicted[..., :2]], axis=1))
     return rows, *out
 

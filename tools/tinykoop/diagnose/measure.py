@@ -40,7 +40,7 @@ def starts_of(log, horizons=HORIZONS):
 def windows(platform, log, integrator, causes, starts, horizons=HORIZONS):
     """Predictions with these causes from the measured poses in rows `starts`."""
     steps = np.minimum(horizons, len(log.x) - 1)
-    predicted, r = platform.windows(log.x, log.u, log.dt, starts, steps, active(causes), log.usable, integrator)
+    predicted, r = platform.rollouts(log.x, log.u, log.dt, starts, steps, log.usable, integrator).predict(active(causes))
     return Windows(starts, np.hypot(r[..., 0], r[..., 1]), r[..., 2], r[..., :2], predicted)
 
 

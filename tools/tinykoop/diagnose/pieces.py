@@ -84,9 +84,10 @@ class Pieces:
     def begin_at(self, poses):
         """Lets every piece start at another pose (S, 3)."""
         self.start_pose = poses.copy()
-        self._from_starts = self.log.x.copy()
-        self._from_starts[self.starts] = poses
-        first = self.log.x[self.starts] - poses
+        log, x = self.log, self.log.x.copy()
+        x[self.starts] = poses
+        self._rollouts = self.platform.rollouts(x, log.u, log.dt, self.starts, self.steps, log.usable, self.integrator)
+        first = log.x[self.starts] - poses
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         along, across = c * first[:, 0] + s * first[:, 1], c * first[:, 1] - s * first[:, 0]
         self._first = np.stack([along, across, first[:, 2]], 1)
@@ -105,10 +106,7 @@ class Pieces:
 
     def residual(self, active=()):
         """Measured less predicted, (S, L, 3)."""
-        log = self.log
-        _, after = self.platform.windows(
-            self._from_starts, log.u, log.dt, self.starts, self.steps, active, log.usable, self.integrator
-        )
+        _, after = self._rollouts.predict(active)
         r = np.empty((len(self.starts), self.L, 3))
         r[:, 0] = self._first
         r[:, 1:] = after

@@ -60,9 +60,9 @@ class Ddr:
         """Speed (m/s) and yaw rate (rad/s) that the nominal model makes of the log's commands u (K, 2)."""
         return np.asarray(u, float)
 
-    def windows(self, x, u, dt, starts, steps, active, usable, integrator):
-        """As sim.windows()."""
-        return sim.windows(x, self.commands(u), dt, starts, steps, active, usable, integrator.code)
+    def rollouts(self, x, u, dt, starts, steps, usable, integrator):
+        """As sim.Rollouts."""
+        return sim.Rollouts(x, self.commands(u), dt, starts, steps, usable, integrator.code)
 
     def simulate(self, u, dt, active, integrator):
         """Poses (K + 1, 3) of a drive from (0, 0, 0)."""

@@ -222,6 +222,12 @@ def test_parameters_are_rounded_by_their_interval():
     ]
 
 
+def test_no_correlation_has_no_sign(lag):
+    noise = lag.report["noise"] | {"rho_p": -0.004, "rho_t": -0.006}
+    said = " ".join(words.noise(lag.report | {"noise": noise}))
+    assert "correlates by 0.00 (position) and -0.01 (heading)" in said
+
+
 def test_what_is_open_is_said(lag):
     one = {**lag.report["effects"][0], "segments": [[3.0, 8.5]], "at_bound": ["tau"], "confidence": 0.6}
     left = {

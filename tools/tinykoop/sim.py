@@ -268,6 +268,7 @@ class Rollouts:
 
     A window begins at the pose measured in a row of `starts` (S); `steps` (n) says how many steps later
     it is compared. Actuator states are rolled over the whole log, through what is not usable (K-1) too.
+    Arrays are kept, not copied: they are to stay as they are.
     """
 
     def __init__(self, x, u, dt, starts, steps, usable=None, integrator=EULER):

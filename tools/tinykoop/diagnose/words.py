@@ -445,9 +445,8 @@ def noise(report):
     ]
     rho_p, rho_t = real(n["rho_p"]), real(n["rho_t"])
     colour = "white" if max(abs(rho_p), abs(rho_t)) < 0.1 else "coloured"
-    said.append(
-        f"The noise is {colour}: from row to row it correlates by {rho_p:.2f} (position) and {rho_t:.2f} (heading)."
-    )
+    position, heading = (f"{round(rho, 2) + 0.0:.2f}" for rho in (rho_p, rho_t))  # 0.00, not -0.00
+    said.append(f"The noise is {colour}: from row to row it correlates by {position} (position) and {heading} (heading).")
     heavy = nu is not None and real(nu) < LIGHT
     said.append(
         f"Its tails are heavy (Student's t with {real(nu):.1f} degrees of freedom): outliers count less." if heavy

@@ -5,6 +5,8 @@
 #include <math.h>
 
 #define real double
+#define REAL_BITS uint64_t
+#define INFINITY_BITS UINT64_C(0x7FF0000000000000)
 #define REAL_MAX DBL_MAX
 #define REAL_MIN DBL_MIN
 #define REAL_EPSILON DBL_EPSILON

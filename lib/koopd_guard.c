@@ -4,6 +4,8 @@
 #include <math.h>
 
 #define real double
+#define REAL_BITS uint64_t
+#define INFINITY_BITS UINT64_C(0x7FF0000000000000)
 #define MATH(function) function
 #define KOOP(name) koopd_##name
 

@@ -5,6 +5,8 @@
 #include <math.h>
 
 #define real float
+#define REAL_BITS uint32_t
+#define INFINITY_BITS UINT32_C(0x7F800000)
 #define REAL_MAX FLT_MAX
 #define REAL_MIN FLT_MIN
 #define REAL_EPSILON FLT_EPSILON

@@ -125,7 +125,7 @@ enum {
 	             (size_t)(m) * (KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW) + (n) + 2u * (m))
 #define KOOP_MPC_REALS(N, n, m, H)                                                                           \
 	((n) * ((size_t)(H) * (m) + 2u * KOOP_MPC_PAD(H)) + 6u * KOOP_MPC_PAD((H) * (m)) +                       \
-	 KOOP_MPC_PAD((H) * (m)) / 4u + (m) + 2u * (m) * (m) + (n) * (n) + KOOP_MPC_WORK(N, n, m, H))
+	 KOOP_MPC_PAD((H) * (m)) / 4u + 4u * (m) + 2u * (m) * (m) + (n) * (n) + KOOP_MPC_WORK(N, n, m, H))
 #define KOOP_MPC_REALS_GRADIENT(N, n, m, H) KOOP_MPC_REALS(N, n, m, H)
 #define KOOP_MPC_REALS_NEWTON(N, n, m, H)                                                                    \
 	(KOOP_MPC_REALS(N, n, m, H) + ((n) + (m)) * KOOP_MPC_PAD((H) * (m)) + KOOP_MPC_WINDOW +                  \

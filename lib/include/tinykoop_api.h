@@ -327,6 +327,7 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL *plan;     /* H m, last input first */
 	signed char *set;    /* H m: 0 free, below 0 held by its lower bound, above by its upper */
 	KOOP_REAL *u_before; /* m */
+	KOOP_REAL *u_min, *u_max, *u_safe; /* m each: limits and safe input of this solve */
 	KOOP_REAL *roots;    /* lower Cholesky factors of R, S and Q */
 	KOOP_REAL *gradient, *trial, *other, *step; /* scratch: H m each */
 	KOOP_REAL *way, *bent;                      /* scratch: trial and other by other names */
@@ -335,8 +336,11 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL *generator;                       /* of the Hessian: n + m rows of H m, or n + 2 m with S */
 	KOOP_REAL *factor;                          /* packed Cholesky factor over the free inputs */
 	KOOP_REAL steepest;                         /* largest eigenvalue seen of the scaled Hessian */
+	KOOP_REAL reach;                            /* size of the inputs inside their limits */
 	KOOP_REAL noise;                            /* a residual below this can be all round-off */
 	size_t n_free;                              /* rows of the factor */
+	int unlimited;                              /* 1: an input has no limit, and so no reach */
+	int moved;                                  /* 1: the plan is of other limits */
 	int planned;                                /* plan and set are those of the last solve */
 	int factored;                               /* factor is one over this choice of free inputs */
 	int fresh;                                  /* and of this solve's Hessian */

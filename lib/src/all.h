@@ -1,9 +1,8 @@
 /* The sources of TinyKoop in the order in which they build on each other.
  * koopf.c and koopd.c include this with `real`, MATH and KOOP defined. */
-#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
-#error "TinyKoop needs NaN: compile it without -ffast-math and -ffinite-math-only, which drop every check for it"
-#endif
+#include "strict.h"
 
+#include "finite.c"
 #include "vector.c"
 #include "status.c"
 #include "elementary.c"
@@ -29,7 +28,9 @@
 #include "lowpass.c"
 #include "model.c"
 
+#include "limits.c"
 #include "condensed.c"
+#include "weights.c"
 #include "newton.c"
 #include "projected.c"
 #include "mpc.c"

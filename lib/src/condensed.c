@@ -70,23 +70,6 @@ static void correlate(real *y, const real *g, const real *x, size_t n) {
 	for (size_t b = 0; b < n; b += WINDOW) { add_windows(y + b, g, x + b, 1, n - b); }
 }
 
-static real clip(real x, real low, real high) {
-	const real least = x < low ? low : x;
-	return least > high ? high : least;
-}
-
-/* Which input follows input j: a remainder would be a division for every element. */
-static size_t next_input(size_t j, size_t m) {
-	return j + 1 < m ? j + 1 : 0;
-}
-
-/* v into the box */
-static void clip_all(const KOOP(mpc_config) *c, real *v) {
-	for (size_t q = 0, j = 0; q < c->horizon * c->n_inputs; q++, j = next_input(j, c->n_inputs)) {
-		v[q] = clip(v[q], c->u_min[j], c->u_max[j]);
-	}
-}
-
 /* What input j does to state i, step by step: element (i, j) of C A^k B, k = 0..H-1. */
 static real *markov_row(const KOOP(mpc) *mpc, size_t i, size_t j) {
 	return mpc->markov + (i * mpc->config.n_inputs + j) * mpc->config.horizon;
@@ -218,7 +201,8 @@ static void add_adjoint(KOOP(mpc) *mpc, real *out) {
 		for (size_t a = 0; a < rows; a++) { weighted[a] = 0; }
 		for (size_t k = 0; k < n; k++) {
 			const real Q = c->Q[i * n + k], *last = mpc->state + k * padded(H) + H;
-			for (size_t a = 0; Q != 0 && a < H; a++) { weighted[a] += Q * *--last; }
+			if (is_zero(Q)) { continue; }
+			for (size_t a = 0; a < H; a++) { weighted[a] += Q * *--last; }
 		}
 	}
 	for (size_t j = 0; j < m; j++) {
@@ -262,7 +246,7 @@ static real kkt_residual(const KOOP(mpc) *mpc, const real *v, const real *gradie
 	const size_t m = c->n_inputs;
 	real residual = 0;
 	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
-		const real step = clip(v[q] - gradient[q] * mpc->inverse[q], c->u_min[j], c->u_max[j]);
+		const real step = clip(v[q] - gradient[q] * mpc->inverse[q], mpc->u_min[j], mpc->u_max[j]);
 		residual = max_of(residual, MATH(fabs)(v[q] - step));
 	}
 	return residual;

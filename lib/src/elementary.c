@@ -9,7 +9,6 @@
 /* ln 2 and pi / 2 cut into parts, all but the last so short that k times one is exact: for every k of an
  * exponent, and for quarter turns up to 10^4 rad in float, 10^6 rad in double. */
 #if REAL_DIGITS == 24
-#define REAL_BITS uint32_t
 #define EXP_TERMS 6
 #define SINE_TERMS 4
 #define LN2 (real)0.693145751953125, (real)1.4286068203094172e-6
@@ -17,7 +16,6 @@
 	(real)1.5703125, (real)4.8375129699707031e-4, (real)7.5495336204767227e-8, (real)2.5633441515945189e-12
 #define QUARTER_TURN_REST -(real)4.3711390001862428e-8 /* pi / 2 less the real next to it */
 #else
-#define REAL_BITS uint64_t
 #define EXP_TERMS 12
 #define SINE_TERMS 8
 #define LN2 0.69314718055989033, 5.4979230187083712e-14

@@ -1,6 +1,8 @@
 /* The guard: which model the controller plans on. Uses the public interface only. */
 
-#include <string.h>
+#include "strict.h"
+
+#include "finite.c"
 
 enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = KOOP_GUARD_OFFLINE };
 
@@ -10,10 +12,6 @@ enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = K
 #define GUARD_LONGEST 16         /* a wait grows to at most this times the patience */
 #define GUARD_SETTLED 4          /* patiences of trust before a model is kept as last good */
 #define GUARD_KNOWN 100          /* P starts again at p0 over this, since Theta then is a sound one */
-
-static int is_finite(real a) {
-	return a - a == 0;
-}
 
 static size_t theta_reals(const KOOP(guard) *g) {
 	return (g->n_lifted + g->n_inputs) * KOOP_PAD(g->n_lifted);

@@ -34,7 +34,7 @@ static int choose_free(KOOP(mpc) *mpc, const real *slope) {
 	signed char *wanted = (signed char *)mpc->work;
 	int dropped = 0, back = 0;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
-		wanted[q] = holder(mpc->plan[q], slope[q], c->u_min[j], c->u_max[j]);
+		wanted[q] = holder(mpc->plan[q], slope[q], mpc->u_min[j], mpc->u_max[j]);
 		const int was_free = mpc->set[q] == FREE, is_free = wanted[q] == FREE;
 		dropped += was_free > is_free;
 		back += is_free > was_free;
@@ -96,7 +96,7 @@ static real way_to_bound(const KOOP(mpc) *mpc) {
 	real length = 1;
 	for (size_t q = 0, j = 0; q < c->horizon * c->n_inputs; q++, j = next_input(j, c->n_inputs)) {
 		const real speed = MATH(fabs)(mpc->step[q]);
-		const real room = mpc->step[q] > 0 ? mpc->plan[q] - c->u_min[j] : c->u_max[j] - mpc->plan[q];
+		const real room = mpc->step[q] > 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		if (room < speed * length) { length = room / speed; }
 	}
 	return length * (1 + 4 * REAL_EPSILON); /* all the way, whatever rounding does */
@@ -112,7 +112,7 @@ OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
 	real length = 1;
 	for (;;) {
 		for (size_t q = 0; q < V; q++) { mpc->trial[q] = mpc->plan[q] - length * mpc->step[q]; }
-		clip_all(&mpc->config, mpc->trial);
+		clip_all(mpc, mpc->trial);
 		const real residual = evaluate(mpc, mpc->trial, mpc->other);
 		if (length <= least || rise(mpc) < 0) { return residual; }
 		length = length > MPC_SHORTEST ? max_of(length / 4, least) : least;
@@ -168,6 +168,7 @@ static void correct(KOOP(mpc) *mpc, real residual) {
 
 /* A Newton step. *whole: no bound has cut it short; comes in for the step before. */
 static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int *goes_on) {
+	estimate_noise(mpc);
 	const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
 	mpc->planned = 0;
 	const int again = !guessed && !choose_free(mpc, mpc->gradient) && *whole;
@@ -214,7 +215,8 @@ static COLD int weights_are_finite(const KOOP(mpc_config) *c) {
 
 static COLD int mpc_settings_check(const KOOP(mpc_config) *c) {
 	const size_t m = c->n_inputs;
-	if (!all_finite(c->u_min, m) || !all_finite(c->u_max, m)) { return KOOP_E_INPUT; }
+	const int status = limits_check(c->u_min, c->u_max, c->u_safe, m);
+	if (status != KOOP_OK) { return status; }
 	for (size_t j = 0; j < m; j++) {
 		if (!(c->R[j * m + j] > 0)) { return KOOP_E_RANGE; }
 		if (!(c->u_min[j] <= c->u_safe[j] && c->u_safe[j] <= c->u_max[j])) { return KOOP_E_RANGE; }
@@ -230,39 +232,6 @@ static COLD int mpc_config_check(const KOOP(mpc_config) *c) {
 	return weights_are_finite(c) ? mpc_settings_check(c) : KOOP_E_INPUT;
 }
 
-/* Column k of L, on the largest element of the diagonal that is left, if that is above `least`. */
-static COLD int cholesky_column(real *L, const real *M, size_t n, size_t k, real least) {
-	size_t pivot = n;
-	for (size_t i = 0; i < n; i++) {
-		const real left = M[i * n + i] - dot(L + i * n, L + i * n, k);
-		if (left > least) {
-			pivot = i;
-			least = left;
-		}
-	}
-	if (pivot == n) { return 0; }
-	for (size_t i = 0; i < n; i++) {
-		L[i * n + k] = (M[i * n + pivot] - dot(L + i * n, L + pivot * n, k)) / MATH(sqrt)(least);
-	}
-	return 1;
-}
-
-/* L L' = M for a symmetric positive semidefinite M (null: 0), by Cholesky's method with pivots.
- * Returns whether M is one. */
-static COLD int cholesky(real *L, const real *M, size_t n) {
-	real largest = 0;
-	size_t k = 0;
-	for (size_t i = 0; i < n * n; i++) { L[i] = 0; }
-	if (!M) { return 1; }
-	for (size_t i = 0; i < n; i++) { largest = max_of(largest, M[i * n + i]); }
-	while (k < n && cholesky_column(L, M, n, k, 8 * REAL_EPSILON * largest)) { k++; }
-	for (size_t i = 0; i < n * n; i++) {
-		const real left = M[i] - dot(L + i / n * n, L + i % n * n, n);
-		if (!(MATH(fabs)(left) <= MATH(sqrt)(REAL_EPSILON) * largest)) { return 0; }
-	}
-	return 1;
-}
-
 static COLD size_t mpc_reals_needed(const KOOP(mpc_config) *c) {
 	const size_t rate = c->S ? KOOP_MPC_REALS_RATE(c->n_inputs, c->horizon) : 0;
 	return rate + (c->method == KOOP_MPC_NEWTON
@@ -274,7 +243,7 @@ COLD int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 	if (!mpc || !mpc->plan) { return KOOP_E_NULL; }
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	for (size_t q = 0; q < V; q++) {
-		mpc->plan[q] = mpc->config.u_safe[q % m];
+		mpc->plan[q] = mpc->u_safe[q % m];
 		mpc->set[q] = FREE;
 	}
 	mpc->factored = 0;
@@ -298,7 +267,10 @@ static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
 	mpc->step = mpc->other + inputs;
 	mpc->set = (signed char *)(mpc->step + inputs);
 	mpc->u_before = mpc->step + inputs + inputs / 4;
-	mpc->roots = mpc->u_before + m;
+	mpc->u_min = mpc->u_before + m;
+	mpc->u_max = mpc->u_min + m;
+	mpc->u_safe = mpc->u_max + m;
+	mpc->roots = mpc->u_safe + m;
 	mpc->work = mpc->roots + 2 * m * m + n * n;
 	mpc->way = mpc->trial;
 	mpc->bent = mpc->other;
@@ -308,14 +280,6 @@ static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
 		mpc->generator = mpc->square + GROUP * (GROUP + 1);
 		mpc->factor = mpc->generator + generator_rows(c) * inputs + WINDOW;
 	}
-}
-
-/* Whether R, S and Q are positive semidefinite. */
-static COLD int take_roots(KOOP(mpc) *mpc) {
-	const KOOP(mpc_config) *c = &mpc->config;
-	const size_t n = c->n_states, m = c->n_inputs;
-	return cholesky(mpc->roots, c->R, m) && cholesky(mpc->roots + m * m, c->S, m) &&
-	       cholesky(mpc->roots + 2 * m * m, c->Q, n);
 }
 
 COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *storage, size_t reals) {
@@ -330,10 +294,7 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	if (!(config->tolerance > 0)) { mpc->config.tolerance = MPC_TOLERANCE; }
 	mpc_lay_out(mpc, storage);
 	mpc->steepest = 1;
-	mpc->noise = 0;
-	for (size_t j = 0; j < config->n_inputs; j++) {
-		mpc->noise = max_of(mpc->noise, 128 * REAL_EPSILON * (config->u_max[j] - config->u_min[j]));
-	}
+	(void)take_limits(mpc);
 	if (!take_roots(mpc)) {
 		mpc->plan = NULL; /* refused from now on */
 		return KOOP_E_RANGE;
@@ -367,6 +328,7 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	if (status != KOOP_OK) { return status; }
 	mpc->fresh = 0;
 	shift_plan(mpc);
+	if (mpc->moved) { follow_limits(mpc); }
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
 	if (c->method == KOOP_MPC_GRADIENT) {
 		descend_projected(mpc, result);
@@ -386,11 +348,15 @@ int KOOP(mpc_solve)(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
                     const real *u_before, real *u, KOOP(mpc_result) *result) {
 	KOOP(mpc_result) seen = {0, 0};
 	if (!is_ready(mpc, u_before) || !theta || !psi || !reference || !u) { return KOOP_E_NULL; }
-	const int status = solve(mpc, theta, psi, reference, u_before, &seen);
-	if (status != KOOP_OK) { (void)KOOP(mpc_reset)(mpc); }
-	mpc->planned = status == KOOP_OK;
-	/* after a reset that is u_safe */
-	copy(u, mpc->plan + (mpc->config.horizon - 1) * mpc->config.n_inputs, mpc->config.n_inputs);
+	const size_t m = mpc->config.n_inputs;
+	int status = take_limits(mpc);
+	copy(u, mpc->u_safe, m);
+	if (status == KOOP_OK) {
+		status = solve(mpc, theta, psi, reference, u_before, &seen);
+		if (status != KOOP_OK) { (void)KOOP(mpc_reset)(mpc); }
+		mpc->planned = status == KOOP_OK;
+		copy(u, mpc->plan + (mpc->config.horizon - 1) * m, m); /* after a reset that is u_safe */
+	}
 	if (result) { *result = seen; }
 	return status;
 }

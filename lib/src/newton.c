@@ -15,12 +15,6 @@
  * An input that a bound comes to hold is taken out of the factor by rotations of the
  * rows below its own. */
 
-/* Which bound holds an input (mpc->set). DROPPED on top: its row and column are still in
- * the factor, but do nothing. */
-#define FREE 0
-#define HELD 1    /* by its upper bound; by its lower: -HELD */
-#define DROPPED 2 /* likewise */
-
 static int in_factor(int set) {
 	return set % 2 == 0;
 }
@@ -48,7 +42,8 @@ OUT_OF_LINE static void generate(KOOP(mpc) *mpc) {
 	}
 	for (size_t i = 0; i < n * n; i++) {
 		const real root = root_q[i];
-		for (size_t j = 0; root != 0 && j < m; j++) {
+		if (is_zero(root)) { continue; }
+		for (size_t j = 0; j < m; j++) {
 			const real *from = markov_row(mpc, i / n, j);
 			real *to = generator_row(mpc, m + i % n) + j;
 			for (size_t a = 0; a < c->horizon; a++) { to[a * m] += root * from[a]; }
@@ -130,7 +125,7 @@ OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 			reflect(mpc, j, q + j);
 			pack_row(mpc, q + j, generator_row(mpc, j) + q + j, q + j);
 			real *diagonal = factor_row(mpc, q + j) + q + j;
-			if (*diagonal == 0) { return KOOP_E_INDEFINITE; }
+			if (is_zero(*diagonal)) { return KOOP_E_INDEFINITE; }
 			*diagonal = 1 / *diagonal;
 		}
 		for (size_t j = 0; j < m; j++) {
@@ -227,7 +222,7 @@ OUT_OF_LINE static void add_generated(const KOOP(mpc) *mpc, real *y, real *z, si
                                       size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs, stride = padded(V);
 	const real *from = mpc->generator, *end = from + generator_rows(&mpc->config) * stride;
-	while (from[self] == 0 && from[other] == 0 && from + stride < end) { from += stride; }
+	while (is_zero(from[self]) && is_zero(from[other]) && from + stride < end) { from += stride; }
 	for (; q < V; q += WINDOW, y += WINDOW, z += WINDOW) {
 		LANES_8(PAIR_BEGIN)
 		for (const real *row = from; row < end; row += stride) {
@@ -252,6 +247,7 @@ static void count_free(KOOP(mpc) *mpc) {
 OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, length = padded(V);
 	size_t lead, count = 0;
+	if (!mpc->fresh && !take_roots(mpc)) { return KOOP_E_INDEFINITE; } /* once in each solve */
 	count_free(mpc);
 	generate(mpc);
 	int status = factor_leading(mpc, &lead);
@@ -369,8 +365,8 @@ static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box
 		for (size_t k = r + 1; k < end; k++) { step[r] -= row[k] * step[k]; }
 		step[r] *= row[r];
 		const real from = v[q], to = from + step[r];
-		v[q] = in_box ? clip(to, c->u_min[j], c->u_max[j]) : to;
-		if (v[q] != to) {
+		v[q] = in_box ? clip(to, mpc->u_min[j], mpc->u_max[j]) : to;
+		if (v[q] < to || v[q] > to) {
 			step[r] = v[q] - from;
 			inside = 0;
 		}

@@ -7,7 +7,7 @@
  * is at one. */
 static real way_down(const KOOP(mpc) *mpc, size_t q, size_t j, int *at_bound) {
 	const real v = mpc->plan[q], g = mpc->gradient[q];
-	const int low = v <= mpc->config.u_min[j], high = v >= mpc->config.u_max[j];
+	const int low = v <= mpc->u_min[j], high = v >= mpc->u_max[j];
 	*at_bound = low || high;
 	return (low && g > 0) || (high && g < 0) ? 0 : g;
 }
@@ -21,7 +21,7 @@ static int begin_way(KOOP(mpc) *mpc) {
 	int at_bound;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
 		const real g = way_down(mpc, q, j, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->steepest;
-		const real room = g > 0 ? mpc->plan[q] - c->u_min[j] : c->u_max[j] - mpc->plan[q];
+		const real room = g > 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		promise[at_bound] += MATH(fabs)(g) * (step < room ? step : room);
 	}
 	const int leave = promise[1] > promise[0];
@@ -57,7 +57,7 @@ static real room_along(const KOOP(mpc) *mpc) {
 	real length = REAL_MAX;
 	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
 		const real way = mpc->way[q], speed = MATH(fabs)(way);
-		const real room = way < 0 ? mpc->plan[q] - c->u_min[j] : c->u_max[j] - mpc->plan[q];
+		const real room = way < 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		if (room < speed * length) { length = room / speed; }
 	}
 	return length;
@@ -71,7 +71,7 @@ static void project_gradient(KOOP(mpc) *mpc) {
 		const real g = way_down(mpc, q, j, &at_bound);
 		mpc->plan[q] -= at_bound ? 0 : g * mpc->inverse[q] / mpc->steepest;
 	}
-	clip_all(&mpc->config, mpc->plan);
+	clip_all(mpc, mpc->plan);
 }
 
 /* bent = H way; returns way' H way, and keeps track of the largest eigenvalue of the
@@ -95,7 +95,7 @@ static void go_along(KOOP(mpc) *mpc, int leaving, real *curvature, int *goes_on)
 	const real length = wanted < room ? wanted : room;
 	add_scaled(mpc->plan, length, mpc->way, V);
 	add_scaled(mpc->gradient, length, mpc->bent, V);
-	clip_all(&mpc->config, mpc->plan);
+	clip_all(mpc, mpc->plan);
 	if (wanted > room && !leaving) { project_gradient(mpc); }
 	*goes_on = wanted <= room && !leaving;
 	*curvature = bends;
@@ -126,6 +126,7 @@ OUT_OF_LINE static void descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *resu
 	int goes_on = 0;
 	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance;
 	     k++, result->iterations++) {
+		estimate_noise(mpc);
 		const int leaving = !goes_on && begin_way(mpc);
 		go_along(mpc, leaving, &curvature, &goes_on);
 		const int settled = see_residual(mpc, result, goes_on, k % MPC_REFRESH == 0);

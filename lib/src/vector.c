@@ -34,14 +34,8 @@
 #define KERNEL OUT_OF_LINE HOT
 #endif
 
-static int is_finite(real a) {
-	return a - a == 0;
-}
-
-static int all_finite(const real *x, size_t n) {
-	real sum = 0; /* of zeros, or NaN */
-	for (size_t i = 0; i < n; i++) { sum += x[i] - x[i]; }
-	return sum == 0;
+static int is_zero(real a) {
+	return (bits_of(a) & ~((REAL_BITS)1 << (8 * sizeof(real) - 1))) == 0;
 }
 
 /* Of a setting; NaN is neither. */

@@ -1,0 +1,20 @@
+/* Whether numbers are finite, by their bits: no compiler flag does away with that. */
+
+#include <string.h>
+
+static inline REAL_BITS bits_of(real a) {
+	REAL_BITS bits;
+	(void)memcpy(&bits, &a, sizeof bits);
+	return bits;
+}
+
+static inline int is_finite(real a) {
+	return (bits_of(a) & INFINITY_BITS) != INFINITY_BITS;
+}
+
+static inline int all_finite(const real *x, size_t n) {
+	for (; n > 0; n--, x++) {
+		if (!is_finite(*x)) { return 0; }
+	}
+	return 1;
+}

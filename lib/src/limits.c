@@ -1,0 +1,99 @@
+/* The limits of one solve: what the configuration pointed to when that began. They may be others at the next
+ * solve, as rate limits and those of a battery are. Infinite means no limit. */
+
+/* Which limit holds an input (mpc->set). DROPPED on top: its row and column are still in
+ * the factor, but do nothing. */
+#define FREE 0
+#define HELD 1    /* by its upper limit; by its lower: -HELD */
+#define DROPPED 2 /* likewise */
+
+static real clip(real x, real low, real high) {
+	const real at_least_low = x < low ? low : x;
+	return at_least_low > high ? high : at_least_low;
+}
+
+/* Which input follows input j: a remainder would be a division for every element. */
+static size_t next_input(size_t j, size_t m) {
+	return j + 1 < m ? j + 1 : 0;
+}
+
+/* v into the box */
+static void clip_all(const KOOP(mpc) *mpc, real *v) {
+	const size_t m = mpc->config.n_inputs;
+	for (size_t q = 0, j = 0; q < mpc->config.horizon * m; q++, j = next_input(j, m)) {
+		v[q] = clip(v[q], mpc->u_min[j], mpc->u_max[j]);
+	}
+}
+
+static int is_nan(real a) {
+	return !(a >= 0 || a <= 0);
+}
+
+/* Whether limits leave a number to each input; the safe one need not be inside. NaN is refused as an input. */
+static int limits_check(const real *low, const real *high, const real *safe, size_t m) {
+	if (!all_finite(safe, m)) { return KOOP_E_INPUT; }
+	for (size_t j = 0; j < m; j++) {
+		if (is_nan(low[j]) || is_nan(high[j])) { return KOOP_E_INPUT; }
+		if (!(low[j] <= high[j] && low[j] <= REAL_MAX && high[j] >= -REAL_MAX)) { return KOOP_E_RANGE; }
+	}
+	return KOOP_OK;
+}
+
+/* The size of inputs inside the box, as far as limits tell it. */
+static void size_box(KOOP(mpc) *mpc) {
+	mpc->reach = 0;
+	mpc->unlimited = 0;
+	for (size_t j = 0; j < mpc->config.n_inputs; j++) {
+		const real low = mpc->u_min[j], high = mpc->u_max[j];
+		const real size = max_of(high - low, max_of(high, -low));
+		if (is_finite(size)) {
+			mpc->reach = max_of(mpc->reach, size);
+		} else {
+			mpc->unlimited = 1;
+		}
+	}
+}
+
+/* A residual below this can be all round-off. Inputs without limit are as large as the plan has them. */
+static void estimate_noise(KOOP(mpc) *mpc) {
+	real size = mpc->reach;
+	if (mpc->unlimited) { size = max_of(size, max_abs(mpc->plan, mpc->config.horizon * mpc->config.n_inputs)); }
+	mpc->noise = 128 * REAL_EPSILON * size;
+}
+
+/* Takes over the limits as they are now, all or none: each is read once, as another task may be about to
+ * change it. */
+static int take_limits(KOOP(mpc) *mpc) {
+	const KOOP(mpc_config) *c = &mpc->config;
+	const size_t m = c->n_inputs;
+	real *low = mpc->trial, *high = mpc->other, *safe = mpc->step;
+	copy(low, c->u_min, m);
+	copy(high, c->u_max, m);
+	copy(safe, c->u_safe, m);
+	const int status = limits_check(low, high, safe, m);
+	if (status != KOOP_OK) { return status; }
+	for (size_t j = 0; j < m; j++) { mpc->u_safe[j] = clip(safe[j], low[j], high[j]); }
+	if (memcmp(mpc->u_min, low, m * sizeof(real)) != 0 || memcmp(mpc->u_max, high, m * sizeof(real)) != 0) {
+		copy(mpc->u_min, low, m);
+		copy(mpc->u_max, high, m);
+		size_box(mpc);
+		mpc->moved = 1;
+	}
+	return KOOP_OK;
+}
+
+/* The plan into limits that have moved: an input that one held goes along with it. */
+static void follow_limits(KOOP(mpc) *mpc) {
+	mpc->moved = 0;
+	const size_t m = mpc->config.n_inputs;
+	for (size_t q = 0, j = 0; q < mpc->config.horizon * m; q++, j = next_input(j, m)) {
+		const real limit = mpc->set[q] > 0 ? mpc->u_max[j] : mpc->u_min[j];
+		if (mpc->set[q] != FREE && is_finite(limit)) {
+			mpc->plan[q] = limit;
+			continue;
+		}
+		mpc->factored = mpc->factored && mpc->set[q] == FREE;
+		mpc->set[q] = FREE;
+		mpc->plan[q] = clip(mpc->plan[q], mpc->u_min[j], mpc->u_max[j]);
+	}
+}

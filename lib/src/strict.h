@@ -1,0 +1,14 @@
+/* Strict arithmetic, whatever the command line says: NaN is a value, sums keep their order. Flight stacks
+ * compile with -ffast-math or a part of it; the checks for NaN and the sums in two parts do not survive that. */
+#if defined(__clang__)
+#pragma float_control(precise, on)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("no-fast-math", "no-unsafe-math-optimizations", "no-finite-math-only")
+#pragma GCC optimize("no-associative-math", "no-reciprocal-math", "signed-zeros", "trapping-math")
+#pragma GCC optimize("no-single-precision-constant")
+#elif defined(_MSC_VER)
+#pragma float_control(precise, on)
+#elif defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "TinyKoop needs strict arithmetic: compile its files without -ffast-math and -ffinite-math-only"
+#endif

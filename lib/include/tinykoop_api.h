@@ -340,7 +340,6 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL noise;                            /* a residual below this can be all round-off */
 	size_t n_free;                              /* rows of the factor */
 	int unlimited;                              /* 1: an input has no limit, and so no reach */
-	int moved;                                  /* 1: the plan is of other limits */
 	int planned;                                /* plan and set are those of the last solve */
 	int factored;                               /* factor is one over this choice of free inputs */
 	int fresh;                                  /* and of this solve's Hessian */

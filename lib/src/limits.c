@@ -7,8 +7,9 @@
 #define HELD 1    /* by its upper limit; by its lower: -HELD */
 #define DROPPED 2 /* likewise */
 
+/* NaN becomes the lower limit. */
 static real clip(real x, real low, real high) {
-	const real at_least_low = x < low ? low : x;
+	const real at_least_low = x >= low ? x : low;
 	return at_least_low > high ? high : at_least_low;
 }
 
@@ -73,27 +74,19 @@ static int take_limits(KOOP(mpc) *mpc) {
 	const int status = limits_check(low, high, safe, m);
 	if (status != KOOP_OK) { return status; }
 	for (size_t j = 0; j < m; j++) { mpc->u_safe[j] = clip(safe[j], low[j], high[j]); }
-	if (memcmp(mpc->u_min, low, m * sizeof(real)) != 0 || memcmp(mpc->u_max, high, m * sizeof(real)) != 0) {
-		copy(mpc->u_min, low, m);
-		copy(mpc->u_max, high, m);
-		size_box(mpc);
-		mpc->moved = 1;
-	}
+	copy(mpc->u_min, low, m);
+	copy(mpc->u_max, high, m);
+	size_box(mpc);
 	return KOOP_OK;
 }
 
-/* The plan into limits that have moved: an input that one held goes along with it. */
-static void follow_limits(KOOP(mpc) *mpc) {
-	mpc->moved = 0;
-	const size_t m = mpc->config.n_inputs;
-	for (size_t q = 0, j = 0; q < mpc->config.horizon * m; q++, j = next_input(j, m)) {
-		const real limit = mpc->set[q] > 0 ? mpc->u_max[j] : mpc->u_min[j];
-		if (mpc->set[q] != FREE && is_finite(limit)) {
-			mpc->plan[q] = limit;
-			continue;
-		}
-		mpc->factored = mpc->factored && mpc->set[q] == FREE;
+/* An input that a limit held goes along with it; where that no longer is one, the input is free. */
+static void follow_limit(KOOP(mpc) *mpc, size_t q, size_t j) {
+	const real limit = mpc->set[q] > 0 ? mpc->u_max[j] : mpc->u_min[j];
+	if (is_finite(limit)) {
+		mpc->plan[q] = limit;
+	} else {
 		mpc->set[q] = FREE;
-		mpc->plan[q] = clip(mpc->plan[q], mpc->u_min[j], mpc->u_max[j]);
+		mpc->factored = 0;
 	}
 }

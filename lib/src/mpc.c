@@ -246,6 +246,8 @@ COLD int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 		mpc->plan[q] = mpc->u_safe[q % m];
 		mpc->set[q] = FREE;
 	}
+	mpc->steepest = 1;
+	mpc->n_free = 0;
 	mpc->factored = 0;
 	mpc->planned = 0;
 	return KOOP_OK;
@@ -293,7 +295,6 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	mpc->config = *config;
 	if (!(config->tolerance > 0)) { mpc->config.tolerance = MPC_TOLERANCE; }
 	mpc_lay_out(mpc, storage);
-	mpc->steepest = 1;
 	(void)take_limits(mpc);
 	if (!take_roots(mpc)) {
 		mpc->plan = NULL; /* refused from now on */
@@ -302,16 +303,22 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	return KOOP(mpc_reset)(mpc);
 }
 
-/* The plan of the last solve and the bounds that held it, one step on; its last input
- * stands for two. */
+/* The plan of the last solve and the limits that held it, one step on and inside the limits of this one; its
+ * last input stands for two. */
 static void shift_plan(KOOP(mpc) *mpc) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
-	for (size_t q = V; q-- > 0;) {
+	size_t rows = 0;
+	for (size_t q = V, j = 0; q-- > 0;) {
 		const size_t from = q < m ? q : q - m;
-		mpc->plan[q] = mpc->plan[from];
-		if (mpc->set[q] != mpc->set[from]) { mpc->factored = 0; }
-		mpc->set[q] = mpc->set[from];
+		const signed char set = mpc->set[from];
+		if (mpc->set[q] != set) { mpc->factored = 0; }
+		mpc->set[q] = set;
+		j = j > 0 ? j - 1 : m - 1;
+		mpc->plan[q] = clip(mpc->plan[from], mpc->u_min[j], mpc->u_max[j]);
+		if (set != FREE) { follow_limit(mpc, q, j); }
+		rows += in_factor(set);
 	}
+	if (rows != mpc->n_free) { mpc->factored = 0; } /* a bit of the storage has flipped */
 }
 
 static int arguments_are_finite(const KOOP(mpc_config) *c, const real *psi, const real *reference,
@@ -328,7 +335,6 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	if (status != KOOP_OK) { return status; }
 	mpc->fresh = 0;
 	shift_plan(mpc);
-	if (mpc->moved) { follow_limits(mpc); }
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
 	if (c->method == KOOP_MPC_GRADIENT) {
 		descend_projected(mpc, result);

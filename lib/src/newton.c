@@ -15,8 +15,8 @@
  * An input that a bound comes to hold is taken out of the factor by rotations of the
  * rows below its own. */
 
-static int in_factor(int set) {
-	return set % 2 == 0;
+static unsigned in_factor(int set) {
+	return ~(unsigned)set & 1;
 }
 
 static size_t generator_rows(const KOOP(mpc_config) *c) {

@@ -52,7 +52,9 @@ enum {
 	KOOP_E_OVERFLOW = -6,   /* the result would not be finite in this precision */
 	KOOP_E_INDEFINITE = -7, /* the covariance, or the controller's Hessian, would not be positive definite */
 	KOOP_E_MODEL = -8,      /* a stored model is damaged or is of another kind */
-	KOOP_E_OUTLIER = -9     /* the gate: the innovation is far beyond what is usual */
+	KOOP_E_OUTLIER = -9,    /* the gate: the innovation is far beyond what is usual */
+	KOOP_E_MEMORY = -10,    /* bits have flipped in what was learned, more than can be mended */
+	KOOP_E_ARITHMETIC = -11 /* the compiler's arithmetic is not that of IEEE 754: see self_test() */
 };
 
 /* What an update does about the positive definiteness of P.
@@ -65,6 +67,15 @@ enum {
 	KOOP_CHECK_REPORT = 1,  /* factor P, say so in the health, go on as the paper's recursion does */
 	KOOP_CHECK_DIAGONAL = 2 /* refuse only on a diagonal element that is not positive; no factoring */
 };
+
+/* What gate_trust() answers. */
+enum { KOOP_TRUSTED = 0, KOOP_DOUBTFUL = 1, KOOP_REFUSE = 2 };
+
+/* Sums over words in memory, by which a flipped bit is found and mended. */
+typedef struct koop_checksum {
+	uint64_t words;  /* of the words */
+	uint64_t places; /* of each word times its distance from the end */
+} koop_checksum;
 
 /* Number of reals of the caller's storage, for static arrays:
  *
@@ -96,8 +107,8 @@ enum {
 	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
 
 /* Number of reals of a gate's storage, for N lifted states and m inputs. */
-#define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 2u * (size_t)(N))
-#define KOOP_GATE_REALS_PLAIN(N, m) (KOOP_RLS_REALS_PLAIN(N, m) + 2u * (size_t)(N))
+#define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 3u * (size_t)(N))
+#define KOOP_GATE_REALS_PLAIN(N, m) (KOOP_RLS_REALS_PLAIN(N, m) + 3u * (size_t)(N))
 
 /* Model predictive control: bounds that are fixed at compile time, and so the
  * worst case: up to MAX_NEWTON steps with KOOP_MPC_NEWTON, up to MAX_GRADIENT with

@@ -69,6 +69,7 @@ typedef struct KOOP(regulator) {
 	/* Decides from the norm of the innovation; `step` comes in as exponential
 	 * forgetting. */
 	int (*decide)(struct KOOP(rls) *rls, KOOP_REAL innovation, KOOP(step) *step);
+	int forgets; /* 1: exponentially, in all directions: the memory is 1 / (1 - lambda) samples */
 } KOOP(regulator);
 
 extern const KOOP(regulator) KOOP(reg_none);  /* lambda = 1: nothing is forgotten */
@@ -119,6 +120,7 @@ typedef struct KOOP(config) {
 	KOOP_REAL tau0;     /* constant trace: the trace, > 0; 0 means p0 d */
 	KOOP_REAL eps_sift; /* SIFt: least zeta' zeta that carries information, > 0; 0 means 1e-10 */
 	int check;          /* KOOP_CHECK_... */
+	int checksum;       /* 1: a checksum of Theta and P is verified and renewed at every update */
 } KOOP(config);
 
 /* What an update saw, filled in whether it took the sample or not. */
@@ -129,6 +131,8 @@ typedef struct KOOP(health) {
 	int gated;              /* 1: the regulator left P alone */
 	int positive_definite;  /* 0: P is not, or would not have been */
 	int finite;             /* 0: something was not, or would not have been */
+	int short_memory;       /* 1: 1 / (1 - lambda) samples are fewer than the d unknowns of a row of Theta */
+	int winding_up;         /* 1: the trace of P is over 100 times the one it began with (tau0) */
 } KOOP(health);
 
 /* The estimator. The caller owns it and its storage; treat the fields as
@@ -150,6 +154,10 @@ typedef struct KOOP(rls) {
 	KOOP_REAL theta_bound;      /* >= every |element| of theta */
 	KOOP_REAL covariance_bound; /* >= every |element| of what is kept of P */
 	int positive_definite;      /* 0: P is known not to be */
+	size_t mirrored;            /* plain form: the row that was made symmetric last */
+	int short_memory;           /* as in the health: a warning, known after rls_init() */
+	koop_checksum sum;          /* of theta, what is kept of P, and the three numbers above */
+	size_t mended;              /* flipped bits found and mended */
 } KOOP(rls);
 
 /* Number of reals that rls_init() will need for this configuration. */
@@ -169,6 +177,11 @@ int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storag
  * as well, or use the gate below, which does both and refuses outliers. */
 int KOOP(rls_update)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, const KOOP_REAL *psi_next,
                      KOOP(health) *health);
+
+/* With config.checksum: whether Theta and P are, bit for bit, what the last call left. A single flipped bit
+ * is mended, and counted in rls.mended; KOOP_E_MEMORY where more have flipped: load a model and start P
+ * again. Every update does this by itself first. Without config.checksum: KOOP_E_RANGE. */
+int KOOP(rls_check)(KOOP(rls) *rls);
 
 /* psi_next = Theta [psi; u]. psi_next (N) may be psi. */
 int KOOP(rls_predict)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, KOOP_REAL *psi_next);
@@ -214,6 +227,7 @@ typedef struct KOOP(gate) {
 	KOOP(rls) saved;        /* what the learner knew */
 	KOOP_REAL *usual;       /* mean square of each innovation while all is well, N */
 	KOOP_REAL *recent;      /* mean square of each innovation lately, N */
+	KOOP_REAL *before;      /* what was usual before a change was believed, N */
 	size_t early;           /* samples until `usual` is learned */
 	size_t known;           /* samples that it is the mean of */
 	size_t refused;         /* outliers, less samples taken since */
@@ -221,9 +235,14 @@ typedef struct KOOP(gate) {
 	size_t judged, failed;  /* samples compared; those of them that could not be learned */
 	KOOP_REAL strain;       /* sum of the learner's squared innovations over the usual ones */
 	KOOP_REAL saved_strain; /* the same, of what is saved */
+	KOOP_REAL past_strain;  /* sum of the learner's squared innovations over those of `before` */
 	size_t doubted;         /* samples since what is saved predicted as usual */
 	size_t restored;        /* how often that came back */
 	int spent;              /* it did, and nothing was saved since */
+	int changed;            /* 1: a change is believed, `before` is kept */
+	int trust;              /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE */
+	int worst;              /* likewise, of this window alone */
+	koop_checksum sum;      /* of usual, recent and before */
 } KOOP(gate);
 
 /* For an estimator that is initialised, after a model is loaded. `config` may be null.
@@ -237,6 +256,14 @@ int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOO
  * Where KOOP_E_INDEFINITE or KOOP_E_OVERFLOW keeps coming back, that is so too, and P is p0 I. */
 int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u,
                       const KOOP_REAL *psi_next, KOOP(health) *health);
+
+/* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE: whether to control with what the learner knows.
+ * Refuse: samples cannot be learned, P is not positive definite, or there have been so many outliers that
+ * samples are taken whatever they say. Doubtful: an outlier, a model (the learner's or the saved one) that
+ * predicts worse than usual, or what is usual is not known yet. KOOP_E_INPUT changes nothing here.
+ * It becomes worse at once, and better by one step at the end of each window of 4 d samples in which
+ * nothing spoke against it: from refuse to trusted in 8 d to 12 d samples after the last alarm. */
+int KOOP(gate_trust)(const KOOP(gate) *gate);
 
 /* ---- Low-pass ---------------------------------------------------------------- */
 

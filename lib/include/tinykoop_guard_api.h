@@ -15,6 +15,7 @@ typedef struct KOOP(guard_config) {
 	KOOP_REAL most_tracking; /* tracking error over its own rms of about 100 steps (3) */
 	size_t patience;         /* steps before a model that failed is tried again; doubles up to 16-fold (15) */
 	size_t renewal;          /* steps without trust after which the learner is started again (100) */
+	KOOP(gate) *gate;        /* through which guard_update() learns; null: none */
 } KOOP(guard_config);
 
 /* The guard. The caller owns it and its storage. To read: model, resets. */
@@ -37,7 +38,9 @@ typedef struct KOOP(guard) {
 	size_t delay;      /* of the next wait */
 	size_t trusted;    /* steps in a row on the online model */
 	size_t distrusted; /* steps in a row off it */
+	size_t failed;     /* samples in a row that could not be learned */
 	size_t resets;     /* how often the learner was started again */
+	koop_checksum sum; /* of offline, last_good, response and judged */
 } KOOP(guard);
 
 /* `offline` is laid out as rls.theta is, so rls.theta itself after model_load()

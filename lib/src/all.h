@@ -1,8 +1,10 @@
 /* The sources of TinyKoop in the order in which they build on each other.
  * koopf.c and koopd.c include this with `real`, MATH and KOOP defined. */
 #include "strict.h"
+#include "attributes.h"
 
 #include "finite.c"
+#include "checksum.c"
 #include "vector.c"
 #include "status.c"
 #include "elementary.c"

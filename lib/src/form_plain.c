@@ -25,6 +25,7 @@ static COLD void plain_reset(KOOP(rls) *rls, real p0) {
 	set_symmetric(rls->covariance, p0, rls->n_regressors);
 	rls->covariance_scale = 1;
 	rls->covariance_bound = p0;
+	rls->mirrored = 0;
 	if (rls->config.regulator->needs_information) {
 		set_symmetric(plain_inverse(rls), 1 / p0, rls->n_regressors);
 	}
@@ -136,6 +137,14 @@ static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
 	change_all(&dual, plain_inverse(rls), rows);
 }
 
+/* One row at each update, for all within d of them: what is read of P is symmetric again by then. */
+static void plain_mirror(KOOP(rls) *rls) {
+	const size_t rows = rls->n_regressors_padded, next = rls->mirrored + 1;
+	rls->mirrored = next < rows ? next : 0;
+	symmetric_mirror(rls->covariance, rls->mirrored, rows);
+	if (rls->config.regulator->needs_information) { symmetric_mirror(plain_inverse(rls), rls->mirrored, rows); }
+}
+
 static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const size_t rows = rls->n_regressors_padded;
 	const real old_scale = rls->covariance_scale, size = MATH(fabs)(denominator) / old_scale;
@@ -160,6 +169,7 @@ static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomin
 
 	if (rls->config.regulator->needs_information) { plain_change_inverse(rls, step); }
 	change_all(&change, rls->covariance, rows);
+	plain_mirror(rls);
 	plain_set_scale(rls, scale, bound);
 	rls->positive_definite = positive_definite;
 	return KOOP_OK;

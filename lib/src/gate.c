@@ -25,7 +25,7 @@ static COLD int gate_config_check(const KOOP(gate_config) *c) {
 }
 
 static COLD void gate_configure(KOOP(gate) *gate, const KOOP(gate_config) *c) {
-	if (c) { gate->config = *c; }
+	gate->config = *c;
 	if (!(gate->config.multiple > 0)) { gate->config.multiple = GATE_MULTIPLE; }
 	if (gate->config.patience == 0) { gate->config.patience = GATE_PATIENCE; }
 	if (gate->config.hold == 0) { gate->config.hold = GATE_HOLD; }
@@ -35,31 +35,63 @@ static size_t gate_window(const KOOP(gate) *gate) {
 	return GATE_WINDOW * gate->saved.n_regressors;
 }
 
+/* ---- In a memory whose bits may flip ---------------------------------------------- */
+
+static koop_checksum gate_sum(const KOOP(gate) *gate) {
+	koop_checksum sum = {0, 0};
+	checksum_add(&sum, gate->usual, 3 * gate->saved.n_lifted);
+	return sum;
+}
+
+static void gate_seal(KOOP(gate) *gate) {
+	if (gate->saved.config.checksum) { gate->sum = gate_sum(gate); }
+}
+
+/* Where what is usual cannot be mended it is learned anew. */
+static void gate_verify(KOOP(gate) *gate) {
+	const size_t reals = 3 * gate->saved.n_lifted;
+	if (!gate->saved.config.checksum) { return; }
+	const koop_checksum now = gate_sum(gate);
+	if (checksum_same(&now, &gate->sum) || checksum_mend(gate->usual, reals, 0, &gate->sum, &now)) { return; }
+	for (size_t i = 0; i < reals; i++) { gate->usual[i] = 0; }
+	gate->known = 0;
+	gate->changed = 0;
+}
+
 COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                          real *storage, size_t reals) {
 	size_t needed;
+	KOOP(gate_config) own = {0, 0, 0, 0}; /* a copy: `config` may be the gate's */
 	if (!gate || !rls || !rls->theta || !storage) { return KOOP_E_NULL; }
 	int status = gate_config_check(config);
 	if (status == KOOP_OK) { status = KOOP(rls_reals)(&rls->config, &needed); }
 	if (status != KOOP_OK) { return status; }
 	const size_t N = rls->n_lifted;
-	if (reals < needed + 2 * N) { return KOOP_E_STORAGE; }
+	if (reals < needed + 3 * N) { return KOOP_E_STORAGE; }
 
+	if (config) { own = *config; }
 	(void)memset(gate, 0, sizeof *gate);
-	gate_configure(gate, config);
+	gate_configure(gate, &own);
 	(void)KOOP(rls_init)(&gate->saved, &rls->config, storage, needed);
 	take_over(&gate->saved, rls);
 	gate->usual = storage + needed;
 	gate->recent = gate->usual + N;
-	for (size_t i = 0; i < N; i++) { gate->usual[i] = gate->recent[i] = 0; }
+	gate->before = gate->recent + N;
+	for (size_t i = 0; i < N; i++) { gate->usual[i] = gate->recent[i] = gate->before[i] = 0; }
 	gate->early = gate_window(gate);
+	gate->trust = gate->worst = KOOP_DOUBTFUL;
+	gate_seal(gate);
 	return KOOP_OK;
 }
 
 /* ---- One by one: outliers ------------------------------------------------------ */
 
+static real gate_at_least_floor(const KOOP(gate) *gate, real usual) {
+	return max_of(usual, gate->config.floor * gate->config.floor);
+}
+
 static real gate_usual(const KOOP(gate) *gate, size_t i) {
-	return max_of(gate->usual[i], gate->config.floor * gate->config.floor);
+	return gate_at_least_floor(gate, gate->usual[i]);
 }
 
 /* The largest square that is no outlier. */
@@ -114,11 +146,11 @@ OUT_OF_LINE static void gate_count(KOOP(gate) *gate, const real *error, int stat
 
 /* ---- In the mean: the learner against what is saved ------------------------------- */
 
-/* The mean of the squares over the usual ones, at most what the gate admits. */
-static real gate_strain(const KOOP(gate) *gate, const real *error) {
+/* The mean of the squares over those of `usual`, at most what the gate admits. */
+static real gate_strain(const KOOP(gate) *gate, const real *error, const real *usual) {
 	real sum = 0;
 	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
-		sum += error[i] * error[i] / (gate_usual(gate, i) + REAL_MIN);
+		sum += error[i] * error[i] / (gate_at_least_floor(gate, usual[i]) + REAL_MIN);
 	}
 	const real mean = sum / (real)gate->saved.n_lifted, most = gate->config.multiple * gate->config.multiple;
 	return mean < most ? mean : most; /* NaN and Inf too */
@@ -127,6 +159,23 @@ static real gate_strain(const KOOP(gate) *gate, const real *error) {
 /* Whether a model has predicted as usual over a window. */
 static int gate_is_consistent(const KOOP(gate) *gate, real strain) {
 	return strain < GATE_CONSISTENT * (real)gate->judged;
+}
+
+/* What is usual is learned anew, as after a change. What it was stays known: the change may be a fault that
+ * ends. */
+static COLD void gate_begin_usual(KOOP(gate) *gate) {
+	if (!gate->changed) { copy(gate->before, gate->usual, gate->saved.n_lifted); }
+	gate->changed = 1;
+	gate->known = gate_window(gate);
+}
+
+/* What was usual before the change is so again, where the learner has predicted by that over a window. */
+static COLD void gate_recall_usual(KOOP(gate) *gate) {
+	if (gate->changed && gate_is_consistent(gate, gate->past_strain)) {
+		copy(gate->usual, gate->before, gate->saved.n_lifted);
+		copy(gate->recent, gate->before, gate->saved.n_lifted);
+		gate->changed = 0;
+	}
 }
 
 /* Whether what is saved may be replaced by what the learner knows now: it predicts as usual, so no fault is
@@ -139,7 +188,7 @@ static COLD int gate_believes(KOOP(gate) *gate) {
 	gate->doubted += gate->judged;
 	if (gate->doubted < gate->config.hold) { return 0; }
 	gate->doubted = 0;
-	gate->known = gate_window(gate); /* what is usual is learned anew */
+	gate_begin_usual(gate);
 	return 1;
 }
 
@@ -162,8 +211,35 @@ static COLD int gate_regrets(const KOOP(gate) *gate) {
 	return suspect && (gate->spent ? GATE_BETTER_AGAIN : GATE_BETTER) * gate->saved_strain < gate->strain;
 }
 
+/* ---- Whether the model is to be trusted -------------------------------------------- */
+
+/* By a sample alone. */
+static int gate_event(const KOOP(gate) *gate, const KOOP(rls) *rls, int status) {
+	const int known = gate->known > gate_window(gate);
+	if (status != KOOP_OK && status != KOOP_E_OUTLIER) { return KOOP_REFUSE; }
+	if (gate->open > 0 || !rls->positive_definite) { return KOOP_REFUSE; }
+	return status == KOOP_OK && known ? KOOP_TRUSTED : KOOP_DOUBTFUL;
+}
+
+/* At once for the worse. */
+static void gate_watch(KOOP(gate) *gate, const KOOP(rls) *rls, int status) {
+	const int event = gate_event(gate, rls, status);
+	gate->worst = event > gate->worst ? event : gate->worst;
+	gate->trust = gate->worst > gate->trust ? gate->worst : gate->trust;
+}
+
+/* For the better by one step at the end of a window in which nothing spoke against it. */
+static COLD void gate_settle(KOOP(gate) *gate) {
+	const int consistent = gate_is_consistent(gate, gate->strain) && gate->doubted == 0;
+	if (!consistent && gate->worst == KOOP_TRUSTED) { gate->worst = KOOP_DOUBTFUL; }
+	gate->trust = gate->worst < gate->trust ? gate->trust - 1 : gate->worst;
+	gate->worst = KOOP_TRUSTED;
+}
+
 /* At the end of a window. */
 static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
+	if (verify(&gate->saved) != KOOP_OK) { take_over(&gate->saved, rls); }
+	gate_recall_usual(gate);
 	const int lost = gate->failed == gate->judged, regrets = gate_regrets(gate),
 	          believes = gate_believes(gate);
 	if (lost || regrets) {
@@ -172,18 +248,30 @@ static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
 		take_over(&gate->saved, rls);
 		gate->spent = 0;
 	}
+	gate_settle(gate);
 	gate->judged = gate->failed = 0;
-	gate->strain = gate->saved_strain = 0;
+	gate->strain = gate->saved_strain = gate->past_strain = 0;
 }
 
 OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
 	real *error = gate->saved.error;
 	weighted_rows(error, gate->saved.theta, rls->zeta, rls->n_regressors, rls->n_lifted_padded);
 	(void)subtract_from(error, psi_next, rls->n_lifted);
-	gate->strain += gate_strain(gate, rls->error);
-	gate->saved_strain += gate_strain(gate, error);
+	gate->strain += gate_strain(gate, rls->error, gate->usual);
+	gate->saved_strain += gate_strain(gate, error, gate->usual);
+	if (gate->changed) { gate->past_strain += gate_strain(gate, rls->error, gate->before); }
 	gate->failed += status != KOOP_OK && status != KOOP_E_OUTLIER;
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
+}
+
+/* More bits of the learner have flipped than can be mended: what is saved, if that is as it was left. */
+static COLD int gate_replace(KOOP(gate) *gate, KOOP(rls) *rls) {
+	const int status = verify(&gate->saved);
+	if (status == KOOP_OK) {
+		take_over(rls, &gate->saved);
+		gate->restored++;
+	}
+	return status;
 }
 
 /* ---- Public ------------------------------------------------------------------- */
@@ -195,17 +283,27 @@ static int gate_check(const KOOP(gate) *g, const KOOP(rls) *rls) {
 
 int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                       KOOP(health) *health) {
-	KOOP(health) seen = {0, 0, 0, 0, 1, 1};
+	KOOP(health) seen = {0, 0, 0, 0, 1, 1, 0, 0};
 	int status = gate_check(gate, rls);
 	if (status != KOOP_OK) { return status; }
 	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
 
-	status = innovate(rls, psi, u, psi_next, &seen.innovation);
+	gate_verify(gate);
+	status = verify(rls);
+	if (status == KOOP_E_MEMORY) { status = gate_replace(gate, rls); }
+	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &seen.innovation); }
 	if (status == KOOP_OK && !gate_admits(gate, rls->error)) { status = KOOP_E_OUTLIER; }
 	if (status == KOOP_OK) { status = learn(rls, &seen); }
 	report(rls, status, &seen, health);
 	if (status == KOOP_E_INPUT) { return status; } /* a sensor that is not there says nothing of the model */
+	gate_watch(gate, rls, status);
+	if (status == KOOP_E_MEMORY) { return status; } /* nor does memory, of the sample */
 	gate_count(gate, rls->error, status);
 	gate_compare(gate, rls, status, psi_next);
+	gate_seal(gate);
 	return status;
+}
+
+int KOOP(gate_trust)(const KOOP(gate) *gate) {
+	return gate && gate->usual ? gate->trust : KOOP_E_NULL;
 }

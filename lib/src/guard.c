@@ -1,8 +1,10 @@
 /* The guard: which model the controller plans on. Uses the public interface only. */
 
 #include "strict.h"
+#include "attributes.h"
 
 #include "finite.c"
+#include "checksum.c"
 
 enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = KOOP_GUARD_OFFLINE };
 
@@ -11,6 +13,7 @@ enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = K
 #define GUARD_WILD 100           /* a sample counts for at most this times the offline model's mean */
 #define GUARD_LONGEST 16         /* a wait grows to at most this times the patience */
 #define GUARD_SETTLED 4          /* patiences of trust before a model is kept as last good */
+#define GUARD_FIXED 200          /* times what the solver can tell: a narrower range of an input is none */
 #define GUARD_KNOWN 100          /* P starts again at p0 over this, since Theta then is a sound one */
 
 static size_t theta_reals(const KOOP(guard) *g) {
@@ -42,18 +45,24 @@ static real square_error(const KOOP(guard) *g, const real *theta, const real *ps
 	return sum;
 }
 
+/* What each model misses of a sample, by KOOP_GUARD_.... */
+static void see_sample(const KOOP(guard) *g, const real *online, const real *psi, const real *u,
+                       const real *psi_next, real *seen) {
+	const real *const theta[] = {online, g->last_good, g->offline};
+	for (int model = ONLINE; model <= OFFLINE; model++) {
+		seen[model] = square_error(g, theta[model], psi, u, psi_next);
+	}
+}
+
 /* The mean squares with one more sample. A wild error, or one that is not a number,
  * is cut, so that it is forgotten again. */
-static void judge_sample(KOOP(guard) *g, const real *online, const real *psi, const real *u,
-                         const real *psi_next) {
-	const real *const theta[] = {online, g->last_good, g->offline};
-	const real reference = square_error(g, g->offline, psi, u, psi_next);
-	if (!is_finite(GUARD_WILD * reference)) { return; }
-	g->error[OFFLINE] += (reference - g->error[OFFLINE]) / GUARD_ERROR_STEPS;
+static void judge_sample(KOOP(guard) *g, const real *seen) {
+	if (!is_finite(GUARD_WILD * seen[OFFLINE])) { return; }
+	g->error[OFFLINE] += (seen[OFFLINE] - g->error[OFFLINE]) / GUARD_ERROR_STEPS;
 	for (int model = ONLINE; model < OFFLINE; model++) {
-		const real seen = square_error(g, theta[model], psi, u, psi_next);
 		const real most = GUARD_WILD * g->error[OFFLINE];
-		g->error[model] += ((seen <= most ? seen : most) - g->error[model]) / GUARD_ERROR_STEPS;
+		const real error = seen[model] <= most ? seen[model] : most;
+		g->error[model] += (error - g->error[model]) / GUARD_ERROR_STEPS;
 	}
 }
 
@@ -130,8 +139,12 @@ static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
 		g->error[ONLINE] = g->error[fallback(g)];
 		(void)KOOP(rls_copy_theta)(rls, from);
 	}
-	(void)KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN);
+	/* a p0 that small has nothing below it in this precision */
+	if (KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN) != KOOP_OK) {
+		(void)KOOP(rls_reset_covariance)(rls, rls->config.p0);
+	}
 	g->distrusted = 0;
+	g->failed = 0;
 	g->resets++;
 }
 
@@ -144,14 +157,25 @@ typedef struct KOOP(request) {
 	int status;
 } KOOP(request);
 
+/* Of a plan: a part of the narrowest range of an input. An input whose limits leave it hardly more room than
+ * the solver can tell is fixed, and not judged. */
+static real residual_allowed(const KOOP(guard) *g, const KOOP(mpc) *mpc) {
+	const real solved = mpc->noise > mpc->config.tolerance ? mpc->noise : mpc->config.tolerance;
+	real allowed = (real)INFINITY;
+	for (size_t j = 0; j < g->n_inputs; j++) {
+		const real range = mpc->u_max[j] - mpc->u_min[j], part = g->config.most_residual * range;
+		if (range > GUARD_FIXED * solved && part < allowed) { allowed = part; }
+	}
+	return allowed;
+}
+
 /* Plans on one model; whether the plan is to be trusted. */
 static int plan(KOOP(guard) *g, KOOP(mpc) *mpc, int model, KOOP(request) *r) {
 	r->status = KOOP(mpc_solve)(mpc, r->theta[model], r->psi, r->reference, r->u_before, r->u, &r->result);
 	if (r->status != KOOP_OK || model == OFFLINE) { return r->status == KOOP_OK; }
+	if (!(r->result.residual <= residual_allowed(g, mpc))) { return 0; }
 	compare_response(g, mpc);
 	for (size_t j = 0; j < g->n_inputs; j++) {
-		const real range = mpc->config.u_max[j] - mpc->config.u_min[j];
-		if (!(r->result.residual <= g->config.most_residual * range)) { return 0; }
 		if (!answers_alike(g, j)) { return 0; }
 	}
 	return 1;
@@ -169,6 +193,25 @@ static int plan_on_best(KOOP(guard) *g, KOOP(mpc) *mpc, KOOP(request) *r) {
 	return r->status == KOOP_OK ? model : KOOP_GUARD_NONE;
 }
 
+/* ---- In a memory whose bits may flip -------------------------------------------- */
+
+/* The offline and the last good model, and what the former answers: all in one piece. */
+static size_t models_reals(const KOOP(guard) *g) {
+	return 2 * theta_reals(g) + (g->horizon + 1) * g->n_states * g->n_inputs;
+}
+
+static void seal_models(KOOP(guard) *g) {
+	g->sum.words = g->sum.places = 0;
+	checksum_add(&g->sum, g->offline, models_reals(g));
+}
+
+/* Whether they are as they were left, or are again. */
+static int models_are_sound(const KOOP(guard) *g) {
+	koop_checksum now = {0, 0};
+	checksum_add(&now, g->offline, models_reals(g));
+	return checksum_same(&now, &g->sum) || checksum_mend(g->offline, models_reals(g), 0, &g->sum, &now);
+}
+
 /* How long the online model has been in use or out of it, and the last good one. */
 static void keep_book(KOOP(guard) *g, const real *online) {
 	if (g->model != ONLINE) {
@@ -181,6 +224,7 @@ static void keep_book(KOOP(guard) *g, const real *online) {
 	if (g->trusted >= g->delay) { g->delay = g->config.patience; }
 	if (g->trusted >= GUARD_SETTLED * g->config.patience && g->trusted % g->config.patience == 0) {
 		copy(g->last_good, online, theta_reals(g));
+		seal_models(g);
 		g->error[LAST_GOOD] = g->error[ONLINE];
 		g->have_last_good = 1;
 	}
@@ -193,7 +237,6 @@ static real or_default(real value, real otherwise) {
 }
 
 static int guard_config_check(const KOOP(guard_config) *c) {
-	if (!c) { return KOOP_OK; }
 	const real values[] = {c->least_cosine, c->least_gain,    c->most_gain,
 	                       c->most_error,   c->most_residual, c->most_tracking};
 	for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
@@ -211,20 +254,27 @@ static void set_config(KOOP(guard) *g, const KOOP(guard_config) *c) {
 	g->config.most_tracking = or_default(c->most_tracking, 3);
 	g->config.patience = c->patience ? c->patience : 15;
 	g->config.renewal = c->renewal ? c->renewal : 100;
+	g->config.gate = c->gate;
+}
+
+/* Of an input; 1 where that has no limit. */
+static real range_of(const KOOP(mpc) *mpc, size_t j) {
+	const real range = mpc->u_max[j] - mpc->u_min[j];
+	return is_finite(range) ? range : 1;
 }
 
 /* Judged are the states that an input acts on above all, and the inputs that act
  * on a state almost alone: small cross terms differ between sound models. */
-static void choose_pairs(KOOP(guard) *g, const KOOP(mpc_config) *c) {
+static void choose_pairs(KOOP(guard) *g, const KOOP(mpc) *mpc) {
 	const size_t n = g->n_states, m = g->n_inputs;
 	for (size_t i = 0; i < n; i++) {
 		real acting = 0;
 		for (size_t j = 0; j < m; j++) {
-			const real range = c->u_max[j] - c->u_min[j];
+			const real range = range_of(mpc, j);
 			acting += g->judged[i * m + j] * range * range;
 		}
 		for (size_t j = 0; j < m; j++) {
-			const real range = c->u_max[j] - c->u_min[j], own = g->judged[i * m + j];
+			const real range = range_of(mpc, j), own = g->judged[i * m + j];
 			if (own < (real)0.1 * g->size[j] && own * range * range < (real)0.9 * acting) {
 				g->judged[i * m + j] = 0;
 			}
@@ -250,7 +300,7 @@ static int learn_response(KOOP(guard) *g, KOOP(mpc) *mpc) {
 		for (size_t i = 0; i < n; i++) { g->size[j] += g->judged[i * m + j]; }
 		if (!(g->size[j] > 0 && is_finite(g->size[j]))) { return KOOP_E_MODEL; }
 	}
-	choose_pairs(g, &mpc->config);
+	choose_pairs(g, mpc);
 	return KOOP_OK;
 }
 
@@ -276,20 +326,26 @@ static void set_storage(KOOP(guard) *g, const KOOP(mpc_config) *c, real *storage
 int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(mpc) *mpc,
                      const real *offline, real *storage, size_t reals) {
 	if (!guard || !mpc || !mpc->plan || !offline || !storage) { return KOOP_E_NULL; }
-	const int status = guard_config_check(config);
+	KOOP(guard_config) own = {0, 0, 0, 0, 0, 0, 0, 0, NULL}; /* a copy: `config` may be the guard's */
+	if (config) { own = *config; }
+	const int status = guard_config_check(&own);
 	if (status != KOOP_OK) { return status; }
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t needed = KOOP_GUARD_REALS(c->n_lifted, c->n_states, c->n_inputs, c->horizon);
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
 	(void)memset(guard, 0, sizeof *guard);
-	set_config(guard, config ? config : &guard->config);
+	set_config(guard, &own);
 	set_storage(guard, c, storage, needed);
 	copy(guard->offline, offline, theta_reals(guard));
 	guard->model = OFFLINE;
 	guard->wait = guard->delay = guard->config.patience;
 	const int learned = learn_response(guard, mpc);
-	if (learned != KOOP_OK) { (void)memset(guard, 0, sizeof *guard); }
+	if (learned == KOOP_OK) {
+		seal_models(guard);
+	} else {
+		(void)memset(guard, 0, sizeof *guard);
+	}
 	return learned;
 }
 
@@ -298,18 +354,29 @@ static int learner_check(const KOOP(guard) *g, const KOOP(rls) *rls) {
 	return rls->n_lifted == g->n_lifted && rls->config.n_inputs == g->n_inputs ? KOOP_OK : KOOP_E_SIZE;
 }
 
+/* Whether the learner is to be started again: it holds a P that is not positive definite, or has refused
+ * one sample after the other. A single one that is refused leaves it as it was. */
+static int is_ruined(KOOP(guard) *g, int status, const KOOP(health) *seen) {
+	const int refused = status == KOOP_E_OVERFLOW || status == KOOP_E_INDEFINITE || status == KOOP_E_MEMORY;
+	if (status == KOOP_OK) { g->failed = 0; }
+	if (refused) { g->failed++; }
+	return g->failed >= g->config.patience || (status == KOOP_OK && !seen->positive_definite);
+}
+
 int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const real *psi, const real *u,
                        const real *psi_next, KOOP(health) *health) {
 	KOOP(health) seen;
 	int status = learner_check(guard, rls);
 	if (status != KOOP_OK) { return status; }
 	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
-	judge_sample(guard, rls->theta, psi, u, psi_next);
-	status = KOOP(rls_update)(rls, psi, u, psi_next, &seen);
+	real missed[3];
+	see_sample(guard, rls->theta, psi, u, psi_next, missed);
+	status = guard->config.gate ? KOOP(gate_update)(guard->config.gate, rls, psi, u, psi_next, &seen)
+	                            : KOOP(rls_update)(rls, psi, u, psi_next, &seen);
+	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return status; }
 	if (health) { *health = seen; }
-	const int healthy = seen.finite && seen.positive_definite;
-	const int ruined = status != KOOP_E_INPUT && !healthy;
-	if (ruined || guard->distrusted >= guard->config.renewal) { renew(guard, rls); }
+	if (status != KOOP_E_OUTLIER) { judge_sample(guard, missed); }
+	if (is_ruined(guard, status, &seen) || guard->distrusted >= guard->config.renewal) { renew(guard, rls); }
 	return status;
 }
 
@@ -340,6 +407,11 @@ int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc
 	KOOP(request) request = {
 	    {rls->theta, guard->last_good, guard->offline}, psi, reference, u_before, u, {0, 0}, KOOP_OK,
 	};
+	if (!models_are_sound(guard)) {
+		(void)KOOP(mpc_reset)(mpc);
+		copy(u, mpc->u_safe, guard->n_inputs);
+		return KOOP_E_MEMORY;
+	}
 	look_back(guard, psi);
 	guard->model = plan_on_best(guard, mpc, &request);
 	guard->have_target = request.status == KOOP_OK;

@@ -7,4 +7,4 @@ static int decide_ct(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	return KOOP_OK;
 }
 
-const KOOP(regulator) KOOP(reg_ct) = {"ct", 0, decide_ct};
+const KOOP(regulator) KOOP(reg_ct) = {"ct", 0, decide_ct, 1};

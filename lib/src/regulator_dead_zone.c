@@ -12,5 +12,5 @@ static int decide_dz_ks(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	return KOOP_OK;
 }
 
-const KOOP(regulator) KOOP(reg_dz_cs) = {"dz_cs", 0, decide_dz_cs};
-const KOOP(regulator) KOOP(reg_dz_ks) = {"dz_ks", 0, decide_dz_ks};
+const KOOP(regulator) KOOP(reg_dz_cs) = {"dz_cs", 0, decide_dz_cs, 1};
+const KOOP(regulator) KOOP(reg_dz_ks) = {"dz_ks", 0, decide_dz_ks, 1};

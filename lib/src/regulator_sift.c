@@ -20,4 +20,4 @@ static int decide_sift(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	return KOOP_OK;
 }
 
-const KOOP(regulator) KOOP(reg_sift) = {"sift", 1, decide_sift};
+const KOOP(regulator) KOOP(reg_sift) = {"sift", 1, decide_sift, 0};

@@ -10,7 +10,8 @@ static COLD int settings_in_range(const KOOP(config) *c) {
 	const int covariance =
 	    is_within(c->p0, REAL_MIN, REAL_MAX / 2) && c->tau0 >= 0 && trace_wanted(c) < REAL_MAX / 8;
 	const int check = c->check >= KOOP_CHECK_REFUSE && c->check <= KOOP_CHECK_DIAGONAL;
-	return forgetting && covariance && check && is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
+	const int checksum = c->checksum == 0 || c->checksum == 1;
+	return forgetting && covariance && check && checksum && is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
 }
 
 static COLD int config_check(const KOOP(config) *c) {
@@ -40,6 +41,67 @@ COLD int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
 	return KOOP_OK;
 }
 
+/* Forgetting that leaves fewer samples than there are unknowns in a row of Theta. */
+static COLD int memory_is_short(const KOOP(config) *c) {
+	const real unknowns = (real)(c->dictionary->n_lifted + c->n_inputs);
+	return c->regulator->forgets && (1 - c->lambda) * unknowns > 1;
+}
+
+/* ---- What was learned, in a memory whose bits may flip ---------------------------- */
+
+/* The three numbers that say how Theta and P are kept, in one array and back. */
+#define KEPT_NUMBERS 3
+static void take_numbers(const KOOP(rls) *rls, real *numbers) {
+	numbers[0] = rls->covariance_scale;
+	numbers[1] = rls->theta_bound;
+	numbers[2] = rls->covariance_bound;
+}
+
+static COLD void give_numbers(KOOP(rls) *rls, const real *numbers) {
+	rls->covariance_scale = numbers[0];
+	rls->theta_bound = numbers[1];
+	rls->covariance_bound = numbers[2];
+}
+
+static koop_checksum sum_learned(const KOOP(rls) *rls) {
+	koop_checksum sum = {0, 0};
+	real numbers[KEPT_NUMBERS];
+	take_numbers(rls, numbers);
+	checksum_add(&sum, rls->theta, (size_t)(rls->zeta - rls->theta));
+	checksum_add(&sum, numbers, KEPT_NUMBERS);
+	return sum;
+}
+
+/* After every change. */
+static void seal(KOOP(rls) *rls) {
+	if (rls->config.checksum) { rls->sum = sum_learned(rls); }
+}
+
+/* Whether what was learned is as it was left, or is again. */
+static COLD int mend_learned(KOOP(rls) *rls, const koop_checksum *now) {
+	const size_t behind = KEPT_NUMBERS * (sizeof(real) / 4);
+	real numbers[KEPT_NUMBERS];
+	take_numbers(rls, numbers);
+	const int mended = checksum_mend(rls->theta, (size_t)(rls->zeta - rls->theta), behind, &rls->sum, now) ||
+	                   checksum_mend(numbers, KEPT_NUMBERS, 0, &rls->sum, now);
+	give_numbers(rls, numbers);
+	rls->mended += mended ? 1 : 0;
+	return mended ? KOOP_OK : KOOP_E_MEMORY;
+}
+
+static int verify(KOOP(rls) *rls) {
+	if (!rls->config.checksum) { return KOOP_OK; }
+	const koop_checksum now = sum_learned(rls);
+	return checksum_same(&now, &rls->sum) ? KOOP_OK : mend_learned(rls, &now);
+}
+
+COLD int KOOP(rls_check)(KOOP(rls) *rls) {
+	if (!rls || !rls->theta) { return KOOP_E_NULL; }
+	return rls->config.checksum ? verify(rls) : KOOP_E_RANGE;
+}
+
+/* ---- Start ---------------------------------------------------------------------- */
+
 COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
 	size_t needed;
 	const int status = KOOP(rls_reals)(config, &needed);
@@ -54,15 +116,18 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 
 	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
 	rls->theta = storage;
-	rls->zeta = rls->theta + KOOP_EVEN(rls->n_regressors) * rls->n_lifted_padded;
+	rls->covariance = rls->theta + KOOP_EVEN(rls->n_regressors) * rls->n_lifted_padded;
+	rls->zeta = rls->covariance + rls->config.form->reals(rls);
 	rls->gain = rls->zeta + rows;
 	rls->work = rls->gain + rows;
 	rls->error = rls->work + 3 * rows;
-	rls->covariance = rls->error + rls->n_lifted_padded;
 	rls->theta_bound = 0;
 	rls->covariance_scale = 1;
-	config->form->reset(rls, config->p0);
+	rls->config.form->reset(rls, rls->config.p0);
 	rls->positive_definite = 1;
+	rls->short_memory = memory_is_short(&rls->config);
+	rls->mended = 0;
+	seal(rls);
 	return KOOP_OK;
 }
 
@@ -70,7 +135,8 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
 	const int sizes = a->n_lifted == b->n_lifted && a->n_regressors == b->n_regressors;
 	const KOOP(config) *c = &a->config, *d = &b->config;
-	return sizes && c->form == d->form && c->regulator == d->regulator && c->check == d->check;
+	const int forms = c->form == d->form && c->regulator == d->regulator && c->check == d->check;
+	return sizes && forms && c->checksum == d->checksum;
 }
 
 /* All that `from`, of the same kind, has learned. */
@@ -82,6 +148,7 @@ static COLD void take_over(KOOP(rls) *rls, const KOOP(rls) *from) {
 	rls->theta_bound = from->theta_bound;
 	rls->covariance_bound = from->covariance_bound;
 	rls->positive_definite = from->positive_definite;
+	rls->sum = from->sum;
 }
 
 COLD int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
@@ -89,6 +156,7 @@ COLD int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
 	if (!is_within(p0, REAL_MIN, REAL_MAX / 2)) { return KOOP_E_RANGE; }
 	rls->config.form->reset(rls, p0);
 	rls->positive_definite = 1;
+	seal(rls);
 	return KOOP_OK;
 }
 
@@ -173,8 +241,11 @@ static GLUE int learn(KOOP(rls) *rls, KOOP(health) *health) {
 		add_outer(rls->theta, 1, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
 	}
 	rls->theta_bound = bound;
+	seal(rls);
 	return KOOP_OK;
 }
+
+#define WOUND_UP 100 /* times the trace at the start */
 
 /* Trace and smallest diagonal element of P. */
 static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
@@ -185,6 +256,7 @@ static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
 		least = rls->work[i] < least ? rls->work[i] : least;
 	}
 	health->trace = trace;
+	health->winding_up = trace > WOUND_UP * rls->config.tau0;
 	health->min_diagonal = least;
 }
 
@@ -192,6 +264,7 @@ static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
 static void report(KOOP(rls) *rls, int status, KOOP(health) *seen, KOOP(health) *health) {
 	if (!health) { return; }
 	seen->finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
+	seen->short_memory = rls->short_memory;
 	seen->positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
 	see_diagonal(rls, seen);
 	*health = *seen;
@@ -199,10 +272,11 @@ static void report(KOOP(rls) *rls, int status, KOOP(health) *seen, KOOP(health) 
 
 GLUE int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                           KOOP(health) *health) {
-	KOOP(health) seen = {0, 0, 0, 0, 1, 1};
+	KOOP(health) seen = {0, 0, 0, 0, 1, 1, 0, 0};
 	if (!rls || !rls->theta || !psi || !u || !psi_next) { return KOOP_E_NULL; }
 
-	int status = innovate(rls, psi, u, psi_next, &seen.innovation);
+	int status = verify(rls);
+	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &seen.innovation); }
 	if (status == KOOP_OK) { status = learn(rls, &seen); }
 	report(rls, status, &seen, health);
 	return status;
@@ -226,6 +300,7 @@ COLD int KOOP(rls_set_theta)(KOOP(rls) *rls, const real *theta) {
 		for (size_t j = 0; j < d; j++) { rls->theta[j * rls->n_lifted_padded + i] = theta[i * d + j]; }
 	}
 	rls->theta_bound = max_abs(theta, N * d);
+	seal(rls);
 	return KOOP_OK;
 }
 
@@ -235,6 +310,7 @@ COLD int KOOP(rls_copy_theta)(KOOP(rls) *rls, const real *theta) {
 	if (!all_finite(theta, size)) { return KOOP_E_INPUT; }
 	for (size_t i = 0; i < size; i++) { rls->theta[i] = i % row < rls->n_lifted ? theta[i] : 0; }
 	rls->theta_bound = max_abs(rls->theta, size);
+	seal(rls);
 	return KOOP_OK;
 }
 

@@ -13,9 +13,11 @@ COLD const char *KOOP(status_message)(int status) {
 	    "the covariance, or the controller's Hessian, would not be positive definite\0"
 	    "the stored model is damaged or is of another kind\0"
 	    "the sample differs from what the model has come to expect by more than the gate lets pass\0"
+	    "bits have flipped in what was learned, more than can be mended\0"
+	    "the arithmetic is not that of IEEE 754 as this was compiled and started\0"
 	    "unknown status";
 	const char *message = messages;
-	for (int s = status > 0 || status < KOOP_E_OUTLIER ? KOOP_E_OUTLIER - 1 : status; s < 0; s++) {
+	for (int s = status > 0 || status < KOOP_E_ARITHMETIC ? KOOP_E_ARITHMETIC - 1 : status; s < 0; s++) {
 		while (*message++) {}
 	}
 	return message;

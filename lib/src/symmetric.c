@@ -26,6 +26,12 @@ static KERNEL void symmetric_add(real *restrict M, real sign, const real *restri
 	add_outer(M, sign, v, v, rows, rows);
 }
 
+/* Row i of the lower half becomes column i of the upper one: what a flipped bit has made different does not
+ * stay so. */
+static void symmetric_mirror(real *M, size_t i, size_t rows) {
+	for (size_t j = 0; j < i; j++) { M[j * rows + i] = M[i * rows + j]; }
+}
+
 #else
 
 static size_t symmetric_at(size_t i, size_t j, size_t rows) {
@@ -84,6 +90,13 @@ static KERNEL void symmetric_add(real *restrict M, real sign, const real *restri
 			add_four(M + 12, a3, v + j);
 		}
 	}
+}
+
+/* There is only one half. */
+static void symmetric_mirror(real *M, size_t i, size_t rows) {
+	(void)M;
+	(void)i;
+	(void)rows;
 }
 
 #endif

@@ -3,29 +3,10 @@
  * the operations, and compilers turn each group into vector instructions
  * already at -O2. */
 
-/* Where a compiler would merge functions, and with them their stack, or make a copy
- * for a constant argument that it then spoils. */
-#if defined(__clang__)
-#define OUT_OF_LINE __attribute__((noinline))
-#elif defined(__GNUC__)
-#define OUT_OF_LINE __attribute__((noinline, noclone))
-#else
-#define OUT_OF_LINE
-#endif
-
 #define VECTORS KOOP_VECTORS
 
-/* COLD: run once, or seldom. INLINE: part of a kernel. Where flash is small, what joins the
- * kernels, GLUE, is made small rather than fast, and KERNEL keeps that from them. */
-#if defined(__GNUC__)
-#define COLD __attribute__((cold))
-#define INLINE inline __attribute__((always_inline))
-#define HOT __attribute__((hot))
-#else
-#define COLD
-#define INLINE inline
-#define HOT
-#endif
+/* Where flash is small, what joins the kernels, GLUE, is made small rather than fast, and KERNEL keeps that
+ * from them. */
 #if VECTORS
 #define GLUE
 #define KERNEL

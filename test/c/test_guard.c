@@ -357,7 +357,7 @@ static void test_what_is_told(void) {
 	real reference[H * STATES] = {0}, S[M * M] = {100, 0, 0, 100}, u[M], covariance[9 * 9];
 	const real before[M] = {3, -1};
 	KOOP(mpc_result) result = {7, 7};
-	KOOP(health) health = {0, 0, 0, 0, 0, 0};
+	KOOP(health) health = {.finite = 0};
 	begin(&KOOP(poly_ddr), &KOOP(reg_ef), &KOOP(form_plain), KOOP_CHECK_REFUSE);
 	for (size_t h = 0; h < H; h++) { reference[h * STATES] = (real)(0.05 * (double)(h + 1)); }
 	CHECK_STATUS(KOOP_OK, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, &result));

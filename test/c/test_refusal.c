@@ -397,7 +397,7 @@ static void test_information_does_not_underflow(void) {
 static void test_reset_clears_the_report(void) {
 	random_source random = random_seed(56);
 	real zeta[D], psi_next[N] = {0};
-	KOOP(health) health = {0, 0, 0, 0, 1, 1};
+	KOOP(health) health = {.positive_definite = 1, .finite = 1};
 	estimator_settings(&seen, N, M, &KOOP(reg_dz_ks), &KOOP(form_plain));
 	seen.config.check = KOOP_CHECK_REPORT;
 	estimator_start(&seen);

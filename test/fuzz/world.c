@@ -220,7 +220,7 @@ static int undecided(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 static const KOOP(regulator) *take_regulator(world *w) {
 	static const KOOP(regulator) *const ready[] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
 	                                               &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
-	static const KOOP(regulator) odd[] = {{"undecided", 0, undecided}, {"nothing", 0, NULL}};
+	static const KOOP(regulator) odd[] = {{"undecided", 0, undecided, 1}, {"nothing", 0, NULL, 1}};
 	const size_t which = take_below(&w->in, w->arbitrary ? 9 : 6);
 	return which < 6 ? ready[which] : which < 8 ? &odd[which - 6] : NULL;
 }

@@ -1,0 +1,44 @@
+/* A checksum of words in memory that tells which bit has flipped, so that one is mended. Two sums, as
+ * Fletcher's (IEEE Transactions on Communications 30(1), 1982), in 64 bits: of the words, and of each word
+ * times its distance from the end. A flipped bit changes the first by plus or minus its own value, and the
+ * second by that times the distance. */
+
+static inline uint32_t word_at(const real *data, size_t i) {
+	uint32_t word;
+	(void)memcpy(&word, (const unsigned char *)data + 4 * i, sizeof word);
+	return word;
+}
+
+/* The sums go on over more words. */
+static inline void checksum_add(koop_checksum *sum, const real *data, size_t reals) {
+	uint64_t words = sum->words, places = sum->places;
+	const size_t count = reals * (sizeof(real) / 4);
+	for (size_t i = 0; i < count; i++) {
+		words += word_at(data, i);
+		places += words;
+	}
+	sum->words = words;
+	sum->places = places;
+}
+
+static inline int checksum_same(const koop_checksum *a, const koop_checksum *b) {
+	return a->words == b->words && a->places == b->places;
+}
+
+/* Undoes the one flipped bit that makes the sum `now` where it was `before`; returns 0 where no single one
+ * does. `behind` more words were summed after these reals. */
+static COLD int checksum_mend(real *data, size_t reals, size_t behind, const koop_checksum *before,
+                              const koop_checksum *now) {
+	const size_t count = reals * (sizeof(real) / 4) + behind;
+	const int is_set = now->words - before->words <= UINT32_MAX; /* the bit: it was not */
+	const koop_checksum *more = is_set ? now : before, *less = is_set ? before : now;
+	uint64_t bit = more->words - less->words, distance = more->places - less->places;
+	const uint32_t flipped = (uint32_t)bit;
+	for (; bit > 1 && ((bit | distance) & 1) == 0; bit /= 2) { distance /= 2; }
+	if (bit != 1 || flipped == 0 || distance <= behind || distance > count) { return 0; }
+	const size_t i = count - (size_t)distance;
+	const uint32_t word = word_at(data, i), mended = word ^ flipped;
+	if (((word & flipped) != 0) != is_set) { return 0; }
+	(void)memcpy((unsigned char *)data + 4 * i, &mended, sizeof mended);
+	return 1;
+}

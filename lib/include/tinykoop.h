@@ -152,6 +152,11 @@ enum {
 #define KOOPF_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 4u * (N) * ((N) + (m)))
 #define KOOPD_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 8u * (N) * ((N) + (m)))
 
+/* With P. In the plain form with a regulator that needs P^-1 (SIFt), KOOP_MODEL_TRIANGLE(d) reals more. */
+#define KOOP_MODEL_TRIANGLE(d) ((d) * ((d) + 1u) / 2u)
+#define KOOPF_MODEL_BYTES_P(N, m) (KOOPF_MODEL_BYTES(N, m) + 4u * KOOP_MODEL_TRIANGLE((N) + (m)))
+#define KOOPD_MODEL_BYTES_P(N, m) (KOOPD_MODEL_BYTES(N, m) + 8u * KOOP_MODEL_TRIANGLE((N) + (m)))
+
 #define KOOP_REAL float
 #define KOOP(name) koopf_##name
 #include "tinykoop_api.h"

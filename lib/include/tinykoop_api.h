@@ -4,6 +4,12 @@
 /* Message for a status: static text, never null. */
 const char *KOOP(status_message)(int status);
 
+/* KOOP_E_ARITHMETIC where arithmetic is not that of IEEE 754 with NaN, to the nearest: because of how this was
+ * compiled (the files ask for strict arithmetic themselves; a compiler may not know that), or because the
+ * processor is set to another rounding. A few hundred instructions: call it once at boot, and do not fly
+ * where it fails. It does not mind a * b + c in one operation, nor subnormal numbers that are taken for 0. */
+int KOOP(self_test)(void);
+
 /* ---- Dictionary: how a state is lifted ---------------------------------- */
 
 /* A dictionary lifts x (n values) to psi (N values). The first n values of psi
@@ -98,6 +104,10 @@ typedef struct KOOP(form) {
 	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
 	/* the diagonal of P, KOOP_PAD(d) reals; may be rls->work */
 	void (*diagonal)(const struct KOOP(rls) *rls, KOOP_REAL *diagonal);
+	/* for a stored model: how many lower triangles of d x d say all of P, and their elements, j <= i */
+	size_t (*triangles)(const struct KOOP(rls) *rls);
+	KOOP_REAL (*get)(const struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j);
+	void (*set)(struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j, KOOP_REAL value);
 } KOOP(form);
 
 /* plain: P as a number times a matrix, symmetric bit for bit by construction.
@@ -296,13 +306,19 @@ int KOOP(threshold)(KOOP_REAL *scores, size_t count, KOOP_REAL eta, KOOP_REAL *d
 
 /* ---- Stored model ----------------------------------------------------------- */
 
-/* Theta of an estimator as bytes with a checksum, for flash or a file; the
+/* Theta of an estimator as bytes with a checksum, for flash or a file: the same bytes on every machine. The
  * size is KOOPF_MODEL_BYTES or KOOPD_MODEL_BYTES. P is not stored: what an
  * offline fit leaves is too small to go on learning with. */
 int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size);
 
-/* Sets Theta of an initialised estimator. A model of another precision, size
- * or dictionary, or with a wrong checksum, is refused with KOOP_E_MODEL. */
+/* The same with P, to go on as if there had been no stop (paper, footnote on EDMD: an offline fit gives both).
+ * The size is KOOPF_MODEL_BYTES_P or KOOPD_MODEL_BYTES_P. */
+int KOOP(model_save_covariance)(const KOOP(rls) *rls, void *bytes, size_t size);
+
+/* Sets Theta, and P where the model carries it, of an initialised estimator. A model of another precision,
+ * size or dictionary, one whose P is of another form, or one with a wrong checksum is refused with
+ * KOOP_E_MODEL. So is a model of version 0.1.0, which does not tell its byte order, unless only one order
+ * makes numbers of a usual size. */
 int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size);
 
 /* ---- Model predictive control -------------------------------------------------

@@ -36,3 +36,5 @@
 #include "newton.c"
 #include "projected.c"
 #include "mpc.c"
+
+#include "self_test.c"

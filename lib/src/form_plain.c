@@ -192,7 +192,20 @@ static void plain_diagonal(const KOOP(rls) *rls, real *diagonal) {
 	}
 }
 
+static COLD size_t plain_triangles(const KOOP(rls) *rls) {
+	return rls->config.regulator->needs_information ? 2 : 1;
+}
+
+static COLD real plain_get(const KOOP(rls) *rls, size_t triangle, size_t i, size_t j) {
+	const size_t at = symmetric_at(i, j, rls->n_regressors_padded);
+	return triangle == 0 ? rls->covariance[at] * rls->covariance_scale : plain_inverse(rls)[at];
+}
+
+static COLD void plain_set(KOOP(rls) *rls, size_t triangle, size_t i, size_t j, real value) {
+	set_pair(triangle == 0 ? rls->covariance : plain_inverse(rls), i, j, rls->n_regressors_padded, value);
+}
+
 const KOOP(form) KOOP(form_plain) = {
-    "plain",           plain_reals, plain_reset,   plain_gain,
-    plain_information, plain_apply, plain_element, plain_diagonal,
+    "plain",       plain_reals,    plain_reset,     plain_gain, plain_information, plain_apply,
+    plain_element, plain_diagonal, plain_triangles, plain_get,  plain_set,
 };

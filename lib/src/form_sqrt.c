@@ -157,6 +157,22 @@ static void sqrt_diagonal(const KOOP(rls) *rls, real *diagonal) {
 	triangle_square_diagonal(diagonal, rls->covariance, rls->n_regressors);
 }
 
+static COLD size_t sqrt_triangles(const KOOP(rls) *rls) {
+	(void)rls;
+	return 1;
+}
+
+static COLD real sqrt_get(const KOOP(rls) *rls, size_t triangle, size_t i, size_t j) {
+	(void)triangle;
+	return rls->covariance[KOOP_TRIANGLE_AT(i, j)];
+}
+
+static COLD void sqrt_set(KOOP(rls) *rls, size_t triangle, size_t i, size_t j, real value) {
+	(void)triangle;
+	rls->covariance[KOOP_TRIANGLE_AT(i, j)] = value;
+}
+
 const KOOP(form) KOOP(form_sqrt) = {
-    "sqrt", sqrt_reals, sqrt_reset, sqrt_gain, sqrt_information, sqrt_apply, sqrt_element, sqrt_diagonal,
+    "sqrt",       sqrt_reals,    sqrt_reset,     sqrt_gain, sqrt_information, sqrt_apply,
+    sqrt_element, sqrt_diagonal, sqrt_triangles, sqrt_get,  sqrt_set,
 };

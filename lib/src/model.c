@@ -1,12 +1,37 @@
-/* A stored model: header, then Theta by rows as `real`, all little-endian.
+/* A stored model: a header, Theta by rows, and where it is to carry P, that. All little-endian, on any machine.
  *
- *     0  "KOOP"      4  format 1    6  bytes of a real   8  N   10  m   12  n   14  0
- *    16  hash of the dictionary's name      20  CRC-32 of all but itself */
+ *     0  "KOOP"      4  format 2    6  bytes of a real   8  N   10  m   12  n   14  triangles of P, 0 to 2
+ *    16  hash of the dictionary's name, and with P of the form's      20  CRC-32 of all but itself
+ *
+ * P is stored as its form keeps it: a lower triangle by rows (of P, or of its root), and in the plain form
+ * that of P^-1 for a regulator that needs it.
+ *
+ * Format 1 had Theta in the byte order of the machine that wrote it, and nothing that told which: it is read
+ * where only one order makes numbers of a usual size. */
 
 #include <string.h>
 
-static COLD void put(unsigned char *at, uint32_t value, size_t bytes) {
+#define MODEL_FORMAT 2
+#define MODEL_FORMAT_ANY_ORDER 1
+
+static COLD void put(unsigned char *at, REAL_BITS value, size_t bytes) {
 	for (size_t i = 0; i < bytes; i++) { at[i] = (unsigned char)(value >> (8 * i)); }
+}
+
+static COLD unsigned char *put_real(unsigned char *at, real value) {
+	put(at, bits_of(value), sizeof value);
+	return at + sizeof value;
+}
+
+/* `turned`: big-endian */
+static COLD real get_real(const unsigned char *at, int turned) {
+	REAL_BITS bits = 0;
+	real value;
+	for (size_t i = 0; i < sizeof bits; i++) {
+		bits |= (REAL_BITS)at[i] << (8 * (turned ? sizeof bits - 1 - i : i));
+	}
+	(void)memcpy(&value, &bits, sizeof value);
+	return value;
 }
 
 /* CRC-32 of IEEE 802.3, bit by bit: it is run once, at start-up */
@@ -19,61 +44,168 @@ static COLD uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t coun
 	return ~crc;
 }
 
-static COLD void model_header(const KOOP(rls) *rls, unsigned char *header) {
-	const char *name = rls->config.dictionary->name;
-	(void)memcpy(header, "KOOP", 4);
-	put(header + 4, 1, 2);
-	put(header + 6, sizeof(real), 2);
-	put(header + 8, (uint32_t)rls->n_lifted, 2);
-	put(header + 10, (uint32_t)rls->config.n_inputs, 2);
-	put(header + 12, (uint32_t)rls->config.dictionary->n_states, 2);
-	put(header + 14, 0, 2);
-	put(header + 16, crc32(0, (const unsigned char *)name, strlen(name)), 4);
+static COLD uint32_t hash_name(uint32_t hash, const char *name) {
+	return crc32(hash, (const unsigned char *)name, strlen(name));
 }
 
-static COLD size_t model_bytes(const KOOP(rls) *rls) {
-	return KOOP_MODEL_HEADER_BYTES + sizeof(real) * rls->n_lifted * rls->n_regressors;
+static COLD void model_header(const KOOP(rls) *rls, unsigned format, size_t triangles, unsigned char *header) {
+	const uint32_t dictionary = hash_name(0, rls->config.dictionary->name);
+	(void)memcpy(header, "KOOP", 4);
+	put(header + 4, (REAL_BITS)format, 2);
+	put(header + 6, sizeof(real), 2);
+	put(header + 8, (REAL_BITS)rls->n_lifted, 2);
+	put(header + 10, (REAL_BITS)rls->config.n_inputs, 2);
+	put(header + 12, (REAL_BITS)rls->config.dictionary->n_states, 2);
+	put(header + 14, (REAL_BITS)triangles, 2);
+	put(header + 16, triangles > 0 ? hash_name(dictionary, rls->config.form->name) : dictionary, 4);
+}
+
+static COLD size_t model_bytes(const KOOP(rls) *rls, size_t triangles) {
+	const size_t d = rls->n_regressors;
+	return KOOP_MODEL_HEADER_BYTES + sizeof(real) * (rls->n_lifted * d + triangles * (d * (d + 1) / 2));
 }
 
 static COLD uint32_t model_checksum(const unsigned char *model, size_t size) {
 	return crc32(crc32(0, model, 20), model + KOOP_MODEL_HEADER_BYTES, size - KOOP_MODEL_HEADER_BYTES);
 }
 
-COLD int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
-	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
-	if (size < model_bytes(rls)) { return KOOP_E_STORAGE; }
+/* ---- Save ---------------------------------------------------------------------------- */
+
+static COLD int save(const KOOP(rls) *rls, size_t triangles, void *bytes, size_t size) {
+	if (size < model_bytes(rls, triangles)) { return KOOP_E_STORAGE; }
 	unsigned char *model = (unsigned char *)bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
-	model_header(rls, model);
+	model_header(rls, MODEL_FORMAT, triangles, model);
 	for (size_t i = 0; i < rls->n_lifted; i++) {
-		for (size_t j = 0; j < rls->n_regressors; j++, at += sizeof(real)) {
-			memcpy(at, &rls->theta[j * rls->n_lifted_padded + i], sizeof(real));
+		for (size_t j = 0; j < rls->n_regressors; j++) {
+			at = put_real(at, rls->theta[j * rls->n_lifted_padded + i]);
 		}
 	}
-	put(model + 20, model_checksum(model, model_bytes(rls)), 4);
+	for (size_t t = 0; t < triangles; t++) {
+		for (size_t i = 0; i < rls->n_regressors; i++) {
+			for (size_t j = 0; j <= i; j++) { at = put_real(at, rls->config.form->get(rls, t, i, j)); }
+		}
+	}
+	put(model + 20, model_checksum(model, model_bytes(rls, triangles)), 4);
 	return KOOP_OK;
+}
+
+COLD int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
+	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
+	return save(rls, 0, bytes, size);
+}
+
+COLD int KOOP(model_save_covariance)(const KOOP(rls) *rls, void *bytes, size_t size) {
+	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
+	return save(rls, rls->config.form->triangles(rls), bytes, size);
+}
+
+/* ---- Load ---------------------------------------------------------------------------- */
+
+/* Whether the header is that of a model for this estimator, whole and undamaged. */
+static COLD int model_is(const KOOP(rls) *rls, unsigned format, size_t triangles, const unsigned char *model,
+                         size_t size) {
+	unsigned char expected[KOOP_MODEL_HEADER_BYTES];
+	if (size != model_bytes(rls, triangles)) { return 0; }
+	model_header(rls, format, triangles, expected);
+	put(expected + 20, model_checksum(model, size), 4);
+	return memcmp(model, expected, sizeof expected) == 0;
+}
+
+/* Whether most numbers but zeros are of a usual size if read this way: 2^-32 to 2^32. Counts them. */
+static COLD size_t count_usual(const unsigned char *at, size_t reals, int turned) {
+	const real most = (real)4294967296;
+	size_t count = 0;
+	for (size_t i = 0; i < reals; i++, at += sizeof(real)) {
+		const real size = MATH(fabs)(get_real(at, turned));
+		count += size * most >= 1 && size <= most ? 1 : 0;
+	}
+	return count;
+}
+
+/* The byte order of numbers that do not tell it: 0 little-endian, 1 big-endian, -1 unclear. */
+static COLD int guess_order(const unsigned char *at, size_t reals) {
+	const size_t usual[2] = {count_usual(at, reals, 0), count_usual(at, reals, 1)};
+	size_t zeros = 0;
+	for (size_t i = 0; i < reals; i++) { zeros += is_zero(get_real(at + i * sizeof(real), 0)) ? 1 : 0; }
+	for (int turned = 0; turned < 2; turned++) {
+		const int fits = 4 * usual[turned] >= 3 * (reals - zeros), other = 2 * usual[!turned] >= reals - zeros;
+		if (fits && !other) { return turned; }
+	}
+	return -1;
+}
+
+static COLD int all_finite_in(const unsigned char *at, size_t reals, int turned) {
+	int finite = 1;
+	for (size_t i = 0; i < reals; i++) { finite &= is_finite(get_real(at + i * sizeof(real), turned)); }
+	return finite;
+}
+
+static COLD const unsigned char *load_theta(KOOP(rls) *rls, const unsigned char *at, int turned) {
+	real largest = 0;
+	for (size_t i = 0; i < rls->n_lifted; i++) {
+		for (size_t j = 0; j < rls->n_regressors; j++, at += sizeof(real)) {
+			const real value = get_real(at, turned);
+			rls->theta[j * rls->n_lifted_padded + i] = value;
+			largest = max_of(largest, MATH(fabs)(value));
+		}
+	}
+	rls->theta_bound = largest;
+	return at;
+}
+
+/* Whether no diagonal element is too small for P, or its root. */
+static COLD int diagonals_are_positive(const unsigned char *at, size_t triangles, size_t d) {
+	int positive = 1;
+	for (size_t t = 0; t < triangles; t++, at += d * (d + 1) / 2 * sizeof(real)) {
+		for (size_t i = 0; i < d; i++) {
+			positive &= get_real(at + (i * (i + 1) / 2 + i) * sizeof(real), 0) >= REAL_MIN;
+		}
+	}
+	return positive;
+}
+
+static COLD void load_covariance(KOOP(rls) *rls, size_t triangles, const unsigned char *at) {
+	real largest = 0;
+	rls->config.form->reset(rls, 1);
+	for (size_t t = 0; t < triangles; t++) {
+		for (size_t i = 0; i < rls->n_regressors; i++) {
+			for (size_t j = 0; j <= i; j++, at += sizeof(real)) {
+				const real value = get_real(at, 0);
+				rls->config.form->set(rls, t, i, j, value);
+				largest = max_of(largest, MATH(fabs)(value));
+			}
+		}
+	}
+	rls->covariance_bound = largest * MATH(sqrt)((real)rls->n_regressors);
+	rls->positive_definite = 1;
+}
+
+/* Which byte order and how many triangles it has, or KOOP_E_MODEL. */
+static COLD int model_check(const KOOP(rls) *rls, const unsigned char *model, size_t size, size_t *triangles,
+                            int *turned) {
+	const size_t own = rls->config.form->triangles(rls), reals = rls->n_lifted * rls->n_regressors;
+	const unsigned char *at = model + KOOP_MODEL_HEADER_BYTES;
+	*turned = 0;
+	*triangles = size == model_bytes(rls, own) ? own : 0;
+	if (model_is(rls, MODEL_FORMAT_ANY_ORDER, 0, model, size)) {
+		*turned = guess_order(at, reals);
+		return *turned < 0 || !all_finite_in(at, reals, *turned) ? KOOP_E_MODEL : KOOP_OK;
+	}
+	if (!model_is(rls, MODEL_FORMAT, *triangles, model, size)) { return KOOP_E_MODEL; }
+	if (!all_finite_in(at, (size - KOOP_MODEL_HEADER_BYTES) / sizeof(real), 0)) { return KOOP_E_MODEL; }
+	at += reals * sizeof(real);
+	return diagonals_are_positive(at, *triangles, rls->n_regressors) ? KOOP_OK : KOOP_E_MODEL;
 }
 
 COLD int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
-	const unsigned char *model = (const unsigned char *)bytes, *at = model + KOOP_MODEL_HEADER_BYTES;
-	unsigned char expected[KOOP_MODEL_HEADER_BYTES];
-	if (size != model_bytes(rls)) { return KOOP_E_MODEL; }
-	model_header(rls, expected);
-	put(expected + 20, model_checksum(model, size), 4);
-	if (memcmp(model, expected, sizeof expected) != 0) { return KOOP_E_MODEL; }
-
-	real largest = 0;
-	for (size_t i = 0; i < rls->n_lifted * rls->n_regressors; i++) {
-		real value;
-		memcpy(&value, at + i * sizeof(real), sizeof(real));
-		if (!is_finite(value)) { return KOOP_E_MODEL; }
-		largest = max_of(largest, MATH(fabs)(value));
-	}
-	for (size_t i = 0; i < rls->n_lifted; i++) {
-		for (size_t j = 0; j < rls->n_regressors; j++, at += sizeof(real)) {
-			memcpy(&rls->theta[j * rls->n_lifted_padded + i], at, sizeof(real));
-		}
-	}
-	rls->theta_bound = largest;
+	const unsigned char *at = (const unsigned char *)bytes + KOOP_MODEL_HEADER_BYTES;
+	size_t triangles;
+	int turned;
+	const int status = model_check(rls, (const unsigned char *)bytes, size, &triangles, &turned);
+	if (status != KOOP_OK) { return status; }
+	at = load_theta(rls, at, turned);
+	if (triangles > 0) { load_covariance(rls, triangles, at); }
+	seal(rls);
 	return KOOP_OK;
 }

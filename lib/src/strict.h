@@ -1,8 +1,12 @@
 /* Strict arithmetic, whatever the command line says: NaN is a value, sums keep their order. Flight stacks
- * compile with -ffast-math or a part of it; the checks for NaN and the sums in two parts do not survive that. */
+ * compile with -ffast-math or a part of it; the checks for NaN and the sums in two parts do not survive that.
+ * koopf_self_test() tells whether it came through. */
 #if defined(__clang__)
 #pragma float_control(precise, on)
 #pragma STDC FP_CONTRACT OFF
+#if __clang_major__ >= 17 && defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "TinyKoop: add -fno-finite-math-only behind -ffast-math; Clang takes NaN from the arguments of functions"
+#endif
 #elif defined(__GNUC__)
 #pragma GCC optimize("no-fast-math", "no-unsafe-math-optimizations", "no-finite-math-only")
 #pragma GCC optimize("no-associative-math", "no-reciprocal-math", "signed-zeros", "trapping-math")

@@ -32,6 +32,10 @@ static void symmetric_mirror(real *M, size_t i, size_t rows) {
 	for (size_t j = 0; j < i; j++) { M[j * rows + i] = M[i * rows + j]; }
 }
 
+static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) {
+	M[i * rows + j] = M[j * rows + i] = value;
+}
+
 #else
 
 static size_t symmetric_at(size_t i, size_t j, size_t rows) {
@@ -90,6 +94,13 @@ static KERNEL void symmetric_add(real *restrict M, real sign, const real *restri
 			add_four(M + 12, a3, v + j);
 		}
 	}
+}
+
+/* In the tiles on the diagonal stand both halves. */
+static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) {
+	(void)rows;
+	M[KOOP_TRIANGLE_AT(i, j)] = value;
+	if (i / 4 == j / 4) { M[KOOP_TRIANGLE_AT(j, i)] = value; }
 }
 
 /* There is only one half. */

@@ -65,7 +65,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
 	if (mode == WITH_HEADER) { EXPECT((status == KOOP_OK) == is_finite(model, length), "status %d", status); }
 	if (status == KOOP_OK) {
 		EXPECT(KOOP(model_save)(&rls, again, exact) == KOOP_OK, "cannot be saved");
-		EXPECT(length == exact && memcmp(model, again, exact) == 0, "another model is saved than was loaded");
+		EXPECT(length == exact, "%zu bytes are no model", length);
+		/* one of format 1 is saved in the format of today */
+		EXPECT(model[4] == 1 || memcmp(model, again, exact) == 0, "another model is saved than was loaded");
 	} else {
 		EXPECT(status == KOOP_E_MODEL, "status %d", status);
 		learned_expect(&before, &rls, "refused model_load()");

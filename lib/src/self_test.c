@@ -1,0 +1,57 @@
+/* Whether arithmetic is what the library is written for, as this file was compiled and as the processor is set:
+ * numbers that the compiler does not know go through the library's own functions. */
+
+/* 1 where the bits differ. */
+static COLD int differs(real a, real b) {
+	return bits_of(a) != bits_of(b);
+}
+
+static COLD int farther_than(real a, real b, real most) {
+	return !(MATH(fabs)(a - b) <= most);
+}
+
+/* NaN and Inf are values, and are told from numbers. */
+static COLD int loses_nan(real zero) {
+	const real nan = (1 - 1 / (zero + 1)) / zero, inf = 1 / zero;
+	const real mixed[2] = {1, nan};
+	int wrong = is_within(nan, -1, 1) | is_within(inf, 0, REAL_MAX) | is_nonnegative(nan) | !is_nan(nan);
+	wrong |= is_finite(nan) | is_finite(inf) | all_finite(mixed, 2) | !(inf > REAL_MAX);
+	return wrong | differs(clip(nan, 2, 3), 2) | differs(max_of(zero, -inf), zero);
+}
+
+/* Sums keep their order, divisions are divisions, and each is rounded to the nearest. */
+static COLD int rounds_otherwise(real one) {
+	const real little = one * REAL_EPSILON * (real)0.375, more = one * REAL_EPSILON * (real)0.625;
+	int wrong = differs((one + little) - one, 0) | differs((one + more) - one, REAL_EPSILON);
+	wrong |= differs((-one - little) + one, 0) | differs((-one - more) + one, -REAL_EPSILON);
+	/* a literal is rounded as a quotient is, and not to less than `real` */
+	wrong |= differs(3 * one / (10 * one), (real)0.3) | differs(one / (10 * one), (real)0.1);
+	return wrong | differs((one * REAL_MIN) * one, REAL_MIN);
+}
+
+/* A sum in two parts holds what one part would lose. Where `real` is wide enough there is no second one. */
+static COLD int loses_rest(real one) {
+	const real a = one + 3 * REAL_EPSILON;
+	real sum = 1 / REAL_EPSILON, rest = 0;
+	add_product(&sum, &rest, a, a);
+	add_product(&sum, &rest, -sum, one);
+	return SPLIT > 0 && farther_than(sum + rest, 6 * REAL_EPSILON, REAL_EPSILON);
+}
+
+/* Sine, cosine and exponential, to less than two units of the last place. */
+static COLD int misses_elementary(real one) {
+	KOOP(angle) angle;
+	real turn[2], decay[4] = {one, 0, 0, 0};
+	reduce(&angle, 100 * one);
+	sine_cosine(&angle, turn);
+	exp_minus_four(decay);
+	return farther_than(turn[0], (real)-0.50636564110975879, REAL_EPSILON) |
+	       farther_than(turn[1], (real)0.86231887228768393, REAL_EPSILON) |
+	       farther_than(decay[0], (real)0.36787944117144232, REAL_EPSILON);
+}
+
+COLD int KOOP(self_test)(void) {
+	const volatile real one = 1, zero = 0;
+	return KOOP_E_ARITHMETIC *
+	       (loses_nan(zero) | rounds_otherwise(one) | loses_rest(one) | misses_elementary(one));
+}

@@ -2,6 +2,7 @@
 #include "support.h"
 
 enum { N = 4, M = 2, D = N + M, PATIENCE = 5, WINDOW = 4 * D, HOLD = 1000 };
+enum { SAMPLES_TO_CLOSE = 16 * WINDOW }; /* the model has to be learned again, too */
 
 static const double NOISE = 1e-3;
 
@@ -488,8 +489,223 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
 }
 
+/* ---- after a fault that was longer than `hold` ------------------------------------------- */
+
+/* Samples whose measurement is lost in noise of that size. */
+static void fault(double size, int samples) {
+	for (int k = 0; k < samples; k++) {
+		real zeta[D], psi_next[N];
+		draw(1, NOISE, zeta, psi_next);
+		for (int i = 0; i < N; i++) { psi_next[i] += random_uniform(&random, -size, size); }
+		(void)gated(zeta, psi_next, NULL);
+	}
+}
+
+/* Whether a spike would be refused now; leaves all as it was. */
+static int spike_is_refused(double size) {
+	static estimator kept;
+	static real kept_storage[REALS];
+	const KOOP(gate) kept_gate = gate;
+	const random_source kept_random = random;
+	real zeta[D], psi_next[N];
+	kept = e;
+	memcpy(kept_storage, storage, sizeof storage);
+	draw(1, NOISE, zeta, psi_next);
+	psi_next[1] += (real)size;
+	const int status = gated(zeta, psi_next, NULL);
+	e = kept;
+	gate = kept_gate;
+	random = kept_random;
+	memcpy(storage, kept_storage, sizeof storage);
+	return status == KOOP_E_OUTLIER;
+}
+
+/* Good samples until a spike of 50 times the noise is refused, as it was before the fault, and again
+ * some windows later. */
+static int samples_until_closed(void) {
+	int samples = 0;
+	while (samples < 60000 && !spike_is_refused(50 * NOISE)) {
+		drive(1, NOISE, 1);
+		samples++;
+	}
+	drive(1, NOISE, 4 * WINDOW);
+	TEST_ASSERT_TRUE(spike_is_refused(50 * NOISE));
+	return samples;
+}
+
+static void test_memory_of_a_long_fault_is_bounded(void) {
+	static const double sizes[] = {30 * NOISE, 1000 * NOISE, 1e6 * NOISE};
+	int worst = 0;
+	for (int f = 0; f < FORMS; f++) {
+		for (size_t s = 0; s < sizeof sizes / sizeof *sizes; s++) {
+			for (int length = 1500; length <= 12000; length *= 2) {
+				start_learned(&KOOP(reg_ef), all_forms[f]);
+				TEST_ASSERT_TRUE(spike_is_refused(50 * NOISE));
+				fault(sizes[s], length);
+				const int samples = samples_until_closed();
+				worst = samples > worst ? samples : worst;
+				CHECK(samples <= SAMPLES_TO_CLOSE, "%s, %d samples of %g: open for %d", estimator_name(&e), length, sizes[s],
+				      samples);
+			}
+		}
+	}
+	printf("open for at most %d samples after a fault, %d of a window\n", worst, WINDOW);
+}
+
+static void test_configuration_may_be_the_gate_s_own(void) {
+	start(&KOOP(reg_ef), &KOOP(form_sqrt), &(KOOP(gate_config)){7, (real)0.25, 3, 50});
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, &gate.config, &e.rls, storage, REALS));
+	TEST_ASSERT_EQUAL_size_t(3, gate.config.patience);
+	TEST_ASSERT_EQUAL_size_t(50, gate.config.hold);
+	TEST_ASSERT_TRUE(gate.config.multiple >= 7 && gate.config.floor >= (real)0.25);
+}
+
+/* ---- whether the model is to be trusted ----------------------------------------------------- */
+
+static int trust(void) {
+	return KOOP(gate_trust)(&gate);
+}
+
+static void spike(double size) {
+	real zeta[D], psi_next[N];
+	draw(1, NOISE, zeta, psi_next);
+	psi_next[0] += (real)size;
+	(void)gated(zeta, psi_next, NULL);
+}
+
+static void test_trust_begins_in_doubt_and_comes_with_what_is_usual(void) {
+	TEST_ASSERT_EQUAL_INT(KOOP_E_NULL, KOOP(gate_trust)(NULL));
+	TEST_ASSERT_EQUAL_INT(KOOP_E_NULL, KOOP(gate_trust)(&(KOOP(gate)){.usual = NULL}));
+	start(&KOOP(reg_ef), &KOOP(form_sqrt), NULL);
+	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
+	drive(1, NOISE, 2 * WINDOW);
+	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
+	drive(1, NOISE, 2 * WINDOW);
+	TEST_ASSERT_EQUAL_INT(KOOP_TRUSTED, trust());
+}
+
+static void test_an_outlier_is_doubted_for_a_window(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	TEST_ASSERT_EQUAL_INT(KOOP_TRUSTED, trust());
+	spike(1);
+	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
+	drive(1, NOISE, WINDOW - 1);
+	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
+	drive(1, NOISE, 2 * WINDOW);
+	TEST_ASSERT_EQUAL_INT(KOOP_TRUSTED, trust());
+}
+
+/* Refused at once when outliers are no longer few; trusted again 2 to 3 windows after the last alarm. */
+static void test_a_fault_is_refused_and_trust_comes_back_by_steps(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	for (int k = 0; k < PATIENCE; k++) { spike(1); }
+	spike(1);
+	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, trust());
+	int samples[3] = {0, 0, 0};
+	while (trust() != KOOP_TRUSTED && samples[0] + samples[1] + samples[2] < 1000) {
+		samples[trust()]++;
+		drive(1, NOISE, 1);
+	}
+	CHECK(samples[KOOP_REFUSE] > WINDOW && samples[KOOP_DOUBTFUL] >= WINDOW, "%d refused, %d doubtful",
+	      samples[KOOP_REFUSE], samples[KOOP_DOUBTFUL]);
+	CHECK(samples[KOOP_REFUSE] + samples[KOOP_DOUBTFUL] < 8 * WINDOW, "%d refused, %d doubtful",
+	      samples[KOOP_REFUSE], samples[KOOP_DOUBTFUL]);
+}
+
+static void test_samples_that_cannot_be_learned_are_refused_trust(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	real zeta[D], psi_next[N];
+	draw(1, NOISE, zeta, psi_next);
+	psi_next[0] = REAL_MAX;
+	zeta[0] = -REAL_MAX;
+	CHECK_STATUS(KOOP_E_OVERFLOW, gated(zeta, psi_next, NULL));
+	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, trust());
+}
+
+static void test_indefinite_covariance_is_refused_trust(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_plain));
+	e.rls.positive_definite = 0;
+	e.config.delta = 0;
+	real zeta[D], psi_next[N];
+	draw(1, NOISE, zeta, psi_next);
+	spike(1); /* refused, so that P stays what it is */
+	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, trust());
+}
+
+static void test_noise_that_has_grown_is_doubted(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	drive(1, 2 * NOISE, 3 * WINDOW);
+	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
+}
+
+/* ---- bits that flip ---------------------------------------------------------------------------- */
+
+static void start_with_checksum(void) {
+	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
+	e.config.checksum = 1;
+	estimator_start(&e);
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
+	TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 500));
+}
+
+static void flip(real *word, int bits) {
+	for (int bit = 0; bit < bits; bit++) { ((unsigned char *)word)[bit % 2] ^= (unsigned char)(5 << bit); }
+}
+
+static void test_learner_beyond_mending_gets_what_was_saved(void) {
+	start_with_checksum();
+	flip(e.rls.theta, 2);
+	TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 1));
+	TEST_ASSERT_EQUAL_size_t(1, gate.restored);
+	TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 100));
+	CHECK(error_on(1) < NOISE, "%g", error_on(1));
+}
+
+static void test_nothing_sound_is_left_is_told(void) {
+	start_with_checksum();
+	flip(e.rls.theta, 2);
+	flip(gate.saved.theta, 2);
+	real zeta[D], psi_next[N];
+	draw(1, NOISE, zeta, psi_next);
+	CHECK_STATUS(KOOP_E_MEMORY, gated(zeta, psi_next, NULL));
+	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, trust());
+}
+
+static void test_saved_model_beyond_mending_is_saved_anew(void) {
+	start_with_checksum();
+	flip(gate.saved.theta, 2);
+	CHECK_STATUS(KOOP_E_MEMORY, KOOP(rls_check)(&gate.saved));
+	drive(1, NOISE, WINDOW);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&gate.saved));
+}
+
+static void test_what_is_usual_is_mended_or_learned_anew(void) {
+	for (int bits = 1; bits <= 2; bits++) {
+		start_with_checksum();
+		const real kept = gate.usual[2];
+		((unsigned char *)&gate.usual[2])[sizeof(real) - 1] ^= 0x10;
+		if (bits == 2) { ((unsigned char *)&gate.usual[1])[0] ^= 0x03; }
+		drive(1, NOISE, 1);
+		TEST_ASSERT_TRUE(bits == 2 ? gate.known == 1 : fabs((double)(gate.usual[2] / kept - 1)) < 0.1);
+		drive(1, NOISE, 200);
+		TEST_ASSERT_TRUE(spike_is_refused(50 * NOISE));
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
+	RUN_TEST(test_configuration_may_be_the_gate_s_own);
+	RUN_TEST(test_trust_begins_in_doubt_and_comes_with_what_is_usual);
+	RUN_TEST(test_an_outlier_is_doubted_for_a_window);
+	RUN_TEST(test_a_fault_is_refused_and_trust_comes_back_by_steps);
+	RUN_TEST(test_samples_that_cannot_be_learned_are_refused_trust);
+	RUN_TEST(test_indefinite_covariance_is_refused_trust);
+	RUN_TEST(test_noise_that_has_grown_is_doubted);
+	RUN_TEST(test_learner_beyond_mending_gets_what_was_saved);
+	RUN_TEST(test_nothing_sound_is_left_is_told);
+	RUN_TEST(test_saved_model_beyond_mending_is_saved_anew);
+	RUN_TEST(test_what_is_usual_is_mended_or_learned_anew);
+	RUN_TEST(test_memory_of_a_long_fault_is_bounded);
 	RUN_TEST(test_what_is_taken_is_learned_as_without_it);
 	RUN_TEST(test_outlier_leaves_no_trace);
 	RUN_TEST(test_spikes_are_refused_while_they_are_few);

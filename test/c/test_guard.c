@@ -530,8 +530,199 @@ static void test_arguments(void) {
 	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
 }
 
+/* ---- limits that move ---------------------------------------------------------------------- */
+
+static void begin_usual(void) {
+	begin(&KOOP(poly_ddr), &KOOP(reg_dz_cs), &KOOP(form_sqrt), KOOP_CHECK_REFUSE);
+}
+
+static void start_guard(const KOOP(guard_config) *config) {
+	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&l.guard, config, &l.mpc, l.offline, l.guard_storage,
+	                                       KOOP_GUARD_REALS(7, STATES, M, H)));
+}
+
+/* From the start, or later; to the bit, or to what no solver can tell. */
+static void test_model_is_trusted_though_an_input_is_fixed(void) {
+	static const double widths[] = {0, 1e-6};
+	for (size_t i = 0; i < sizeof widths / sizeof *widths; i++) {
+		for (int from_start = 0; from_start < 2; from_start++) {
+			begin_usual();
+			l.safe[0] = l.low[0] = (real)1.55;
+			l.high[0] = (real)(1.55 + widths[i]);
+			if (from_start) { start_guard(NULL); }
+			const watch w = drive(400);
+			CHECK(w.online > 250, "width %g: online for %zu of 400 steps", widths[i], w.online);
+			TEST_ASSERT_TRUE(l.guard.resets <= 1); /* that of a learner that begins at nothing */
+		}
+	}
+}
+
+static void test_path_is_kept_with_rate_limits(void) {
+	begin_usual();
+	size_t online = 0;
+	for (int k = 0; k < 400; k++) {
+		static const double rate[M] = {0.2, 0.1}, low[M] = {0, -1.2}, high[M] = {3.5, 1.2};
+		for (size_t j = 0; j < M; j++) {
+			l.low[j] = (real)fmax(low[j], (double)l.u[j] - rate[j]);
+			l.high[j] = (real)fmin(high[j], (double)l.u[j] + rate[j]);
+		}
+		online += step() == KOOP_GUARD_ONLINE;
+	}
+	CHECK(online > 250 && l.error < 0.1, "online for %zu of 400 steps, %g m off", online, l.error);
+}
+
+static void test_path_is_kept_without_limits(void) {
+	begin_usual();
+	for (size_t j = 0; j < M; j++) {
+		l.low[j] = -(real)INFINITY;
+		l.high[j] = (real)INFINITY;
+	}
+	start_guard(NULL);
+	const watch w = drive(400);
+	CHECK(w.online > 250 && l.error < 0.1, "online for %zu of 400 steps, %g m off", w.online, l.error);
+}
+
+/* ---- the learner behind the guard ------------------------------------------------------------ */
+
+static int update_with(real first, KOOP(health) *health) {
+	real psi_next[MOST_N];
+	lift(psi_next);
+	psi_next[0] = first;
+	return KOOP(guard_update)(&l.guard, &l.rls, l.psi, l.u, psi_next, health);
+}
+
+static void test_one_huge_sample_costs_nothing(void) {
+	static real kept[sizeof l.rls_storage / sizeof(real)];
+	begin_usual();
+	TEST_ASSERT_TRUE(drive(200).last_online == 199);
+	const size_t size = (size_t)(l.rls.zeta - l.rls.theta) * sizeof(real); /* what was learned */
+	const size_t resets = l.guard.resets;
+	memcpy(kept, l.rls.theta, size);
+	CHECK_STATUS(KOOP_E_OVERFLOW, update_with(REAL_MAX * (real)0.9, NULL));
+	TEST_ASSERT_TRUE(memcmp(kept, l.rls.theta, size) == 0);
+	TEST_ASSERT_EQUAL_size_t(resets, l.guard.resets);
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
+	for (size_t k = 1; k <= l.guard.config.patience; k++) {
+		TEST_ASSERT_EQUAL_size_t(resets, l.guard.resets);
+		CHECK_STATUS(KOOP_E_OVERFLOW, update_with(REAL_MAX * (real)0.9, NULL));
+	}
+	TEST_ASSERT_EQUAL_size_t(resets + 1, l.guard.resets);
+}
+
+/* A hundredth of it is nothing in this precision. */
+static void test_learner_of_a_tiny_p0_is_started_again(void) {
+	begin_usual();
+	l.rls.config.p0 = 50 * REAL_MIN;
+	l.guard.distrusted = l.guard.config.renewal;
+	CHECK_STATUS(KOOP_OK, update_with(0, NULL));
+	TEST_ASSERT_EQUAL_size_t(1, l.guard.resets);
+	KOOP(health) health;
+	(void)update_with(0, &health);
+	TEST_ASSERT_TRUE(health.trace < REAL_MIN * 1000);
+	TEST_ASSERT_EQUAL_size_t(1, l.guard.resets);
+}
+
+static void test_configuration_may_be_the_guard_s_own(void) {
+	begin_usual();
+	l.guard.config.patience = 3;
+	l.guard.config.most_gain = 7;
+	start_guard(&l.guard.config);
+	TEST_ASSERT_EQUAL_size_t(3, l.guard.config.patience);
+	TEST_ASSERT_TRUE(l.guard.config.most_gain >= 7 && l.guard.config.most_gain <= 7);
+}
+
+/* ---- behind a gate ----------------------------------------------------------------------------- */
+
+static KOOP(gate) gate;
+static real gate_storage[KOOP_GATE_REALS_SQRT(7, M)];
+
+static void begin_gated(void) {
+	begin_usual();
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &l.rls, gate_storage, sizeof gate_storage / sizeof(real)));
+	start_guard(&(KOOP(guard_config)){.gate = &gate});
+	TEST_ASSERT_TRUE(drive(300).last_online == 299);
+}
+
+static void test_guard_learns_through_a_gate(void) {
+	static real kept[sizeof l.rls_storage / sizeof(real)];
+	begin_gated();
+	const size_t size = (size_t)(l.rls.zeta - l.rls.theta) * sizeof(real);
+	real error[3];
+	memcpy(kept, l.rls.theta, size);
+	memcpy(error, l.guard.error, sizeof error);
+	CHECK_STATUS(KOOP_E_OUTLIER, update_with(100, NULL));
+	TEST_ASSERT_TRUE(memcmp(kept, l.rls.theta, size) == 0);
+	TEST_ASSERT_TRUE(memcmp(error, l.guard.error, sizeof error) == 0); /* an outlier says nothing of a model */
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
+	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, KOOP(gate_trust)(&gate));
+}
+
+/* A sensor that jumps for a second: with the gate the path is kept on a learner that is whole. */
+static void test_gate_and_guard_ride_out_a_fault_together(void) {
+	begin_gated();
+	for (int k = 0; k < 20; k++) {
+		(void)update_with(k % 2 ? 50 : -50, NULL);
+		(void)step();
+	}
+	const watch w = drive(300);
+	CHECK(w.error < 0.2, "%g m off", w.error);
+	TEST_ASSERT_TRUE(w.last_online == 299);
+	TEST_ASSERT_TRUE(KOOP(gate_trust)(&gate) != KOOP_REFUSE);
+}
+
+static void test_gate_of_another_learner_is_refused(void) {
+	static estimator other;
+	static real other_storage[KOOP_GATE_REALS_PLAIN(3, 1)];
+	KOOP(health) health;
+	begin_gated();
+	estimator_default(&other, 3, 1, &KOOP(reg_ef), &KOOP(form_plain));
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &other.rls, other_storage,
+	                                      sizeof other_storage / sizeof(real)));
+	CHECK_STATUS(KOOP_E_SIZE, update_with(0, &health));
+	memset(&gate, 0, sizeof gate);
+	CHECK_STATUS(KOOP_E_NULL, update_with(0, &health));
+}
+
+/* ---- in a memory whose bits may flip -------------------------------------------------------------- */
+
+static void test_flipped_bit_of_the_guard_s_models_is_mended(void) {
+	static real kept[sizeof l.guard_storage / sizeof(real)];
+	begin_usual();
+	TEST_ASSERT_TRUE(drive(200).last_online == 199);
+	const size_t words = (size_t)(l.guard.now - l.guard.offline);
+	const loop before = l;
+	memcpy(kept, l.guard_storage, sizeof kept);
+	for (size_t i = 0; i < words; i++) {
+		l = before;
+		((unsigned char *)(l.guard.offline + i))[i % sizeof(real)] ^= (unsigned char)(1 << i % 8);
+		(void)step();
+		CHECK(memcmp(kept, l.guard.offline, words * sizeof(real)) == 0, "word %zu", i);
+	}
+}
+
+static void test_models_beyond_mending_give_the_safe_input(void) {
+	real reference[H * STATES] = {0}, u[M] = {7, 7};
+	begin_usual();
+	l.low[0] = 1; /* so that the safe input is not inside */
+	((unsigned char *)l.guard.offline)[0] ^= 0x14;
+	((unsigned char *)l.guard.offline)[9] ^= 0x01;
+	CHECK_STATUS(KOOP_E_MEMORY, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+	TEST_ASSERT_TRUE(u[0] >= 0 && u[0] <= 3.5 && u[1] >= 0 && u[1] <= 0);
+}
+
 int main(void) {
 	UNITY_BEGIN();
+	RUN_TEST(test_model_is_trusted_though_an_input_is_fixed);
+	RUN_TEST(test_path_is_kept_with_rate_limits);
+	RUN_TEST(test_path_is_kept_without_limits);
+	RUN_TEST(test_one_huge_sample_costs_nothing);
+	RUN_TEST(test_learner_of_a_tiny_p0_is_started_again);
+	RUN_TEST(test_configuration_may_be_the_guard_s_own);
+	RUN_TEST(test_guard_learns_through_a_gate);
+	RUN_TEST(test_gate_and_guard_ride_out_a_fault_together);
+	RUN_TEST(test_gate_of_another_learner_is_refused);
+	RUN_TEST(test_flipped_bit_of_the_guard_s_models_is_mended);
+	RUN_TEST(test_models_beyond_mending_give_the_safe_input);
 	RUN_TEST(test_nan_theta);
 	RUN_TEST(test_garbage_theta);
 	RUN_TEST(test_flipped_inputs);

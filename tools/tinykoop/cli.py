@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from .errors import UserError
+from .results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
@@ -194,10 +195,11 @@ def dispatch(a):
 def main():
     """Exit status 2 and one line on standard error for what the user can mend."""
     arguments = parser().parse_args()
+    sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be UTF-8, nor the terminal
     try:
         dispatch(arguments)
     except UserError as error:
-        print(f"tinykoop: {error}", file=sys.stderr)
+        print(f"tinykoop: {printable(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

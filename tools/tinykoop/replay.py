@@ -10,7 +10,7 @@ import numpy as np
 
 from . import plots, scenario, sim
 from .errors import UserError
-from .results import number, output_folder, print_table, progress, replacing
+from .results import number, output_folder, print_table, printable, progress, replacing
 
 FIT, CALIBRATE = 0.2, 0.2  # shares of the log
 ETA = 0.75
@@ -91,7 +91,7 @@ def run_log(path, out, platform=None):
     rows, errors = [], {}
     for name, error in baselines(log, platform).items():
         errors[name] = np.where(scored, error, np.nan)
-        rows.append({"source": Path(path).stem, "method": name, "mean_error": float(error[scored].mean())})
+        rows.append({"source": printable(Path(path).stem), "method": name, "mean_error": float(error[scored].mean())})
     online = {method: method.regulator != "offline" for method in scenario.METHODS}
     jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS if online[method] or not variant[-1]]
     for method, form, precision, gate in progress(jobs, Path(path).stem):
@@ -105,7 +105,7 @@ def run_log(path, out, platform=None):
         gates = method.regulator in ("dz_cs", "dz_ks")
         rows.append(
             {
-                "source": Path(path).stem,
+                "source": printable(Path(path).stem),
                 "method": method.label,
                 "dictionary": method.dictionary,
                 "regulator": method.regulator,
@@ -122,7 +122,7 @@ def run_log(path, out, platform=None):
             }
         )
     with replacing(out / f"replay_{Path(path).stem}.json", rows):
-        draw(out, rows, errors, log, scored)
+        draw(out / f"replay_{Path(path).stem}.png", rows, errors, log, scored)
     report(rows, log, scored)
     return rows
 
@@ -165,7 +165,7 @@ def report(rows, log, scored):
     )
 
 
-def draw(out, rows, errors, log, scored):
+def draw(path, rows, errors, log, scored):
     """Error over time of a few, mean error of all in float64 and float32."""
     table = by_method(rows)
     pairs = [(v[VARIANTS[0]], v[VARIANTS[1]]) for _, v in table if VARIANTS[0] in v]
@@ -201,4 +201,4 @@ def draw(out, rows, errors, log, scored):
     right.set_xlabel("mean one-step error (state units), bars: float64")
     right.grid(axis="y", visible=False)
     right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14))
-    plots.save(figure, out / f"replay_{rows[0]['source']}.png")
+    plots.save(figure, path)

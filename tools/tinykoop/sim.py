@@ -175,7 +175,7 @@ def _call(name, *arguments):
 
 def _check(name, *arguments):
     if _call(name, *arguments) != 0:
-        raise UserError(_call("tk_message").decode("utf-8", "replace"))
+        raise UserError(_call("tk_message").decode("utf-8", "backslashreplace"))
 
 
 def _in(array, columns=None):

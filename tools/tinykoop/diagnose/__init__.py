@@ -7,7 +7,7 @@ where, advise -> diagnosis (the report) -> page (what people read).
 import sys
 
 from ..errors import UserError
-from ..results import output_folder, replacing, write_bytes
+from ..results import output_folder, printable, replacing, write_bytes
 from . import page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
@@ -31,7 +31,7 @@ def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
     out = output_folder(out)
     result = kind.diagnose(*arguments)
     # page and summary count seconds from the first row
-    result.report = {"log_file": str(path), "fresh_file": str(fresh) if fresh else None, **result.report}
+    result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
     page = kind.page.html(result)
     with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
         write_bytes(out / "report.html", page)

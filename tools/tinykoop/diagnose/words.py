@@ -606,7 +606,7 @@ def contribution_caption(report):
 
 
 def say(text="", style=None):
-    results.console.print(text, markup=False, highlight=False, style=style)
+    results.console.print(text, highlight=False, style=style)
 
 
 def effect_rows(report):

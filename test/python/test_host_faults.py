@@ -295,6 +295,39 @@ def test_brackets_in_a_name_are_no_style(flight, tmp_path):
     assert name.name in done.stdout.replace("\n", "")
 
 
+# ---- nobody reads on -------------------------------------------------------------------------------------
+
+
+def into_closed_pipe(command):
+    """(status, standard error) of a command whose standard output is a pipe that nobody reads."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run([*map(str, command)], env=ENVIRONMENT, stdout=writer, stderr=subprocess.PIPE, text=True)
+    finally:
+        os.close(writer)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("writer", [writer for writer in WRITERS if writer != "amalgamate"])
+def test_output_closed_early_ends_quietly(writer, log, flight, tmp_path):
+    """With the status that a shell gives for SIGPIPE, as after `yes | head -1`."""
+    shell = subprocess.run(["bash", "-c", "yes | head -1; exit ${PIPESTATUS[0]}"], capture_output=True).returncode
+    assert into_closed_pipe(commands(log, flight, tmp_path)[writer]) == (shell, "")
+    assert not parts(tmp_path)
+
+
+def test_help_closed_early_ends_quietly():
+    assert into_closed_pipe([*TINYKOOP, "--help"])[1] == ""
+
+
+def test_no_output_at_all_is_no_fault(log, tmp_path):
+    """`>&-`: Python then has no standard output."""
+    closed = f"exec {' '.join(map(str, [*TINYKOOP, 'fit', log, tmp_path / 'model.h']))} >&-"
+    done = subprocess.run(["bash", "-c", closed], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 # ---- two at once ---------------------------------------------------------------------------------------
 
 WRITE_SETS = """

@@ -17,9 +17,15 @@ from rich.table import Table
 
 from .errors import UserError
 
-_terminal = Console(markup=False)  # brackets in the name of a file are no style
+
+class _Console(Console):
+    def on_broken_pipe(self):
+        raise  # rich would end the process here with its own status; cli.main() says which one
+
+
+_terminal = _Console(markup=False)  # brackets in the name of a file are no style
 # Tables are made for 110 columns; where the width is unknown (a pipe, CI) that is what they get.
-console = _terminal if _terminal.width >= 110 else Console(width=110, markup=False)
+console = _terminal if _terminal.width >= 110 else _Console(width=110, markup=False)
 
 
 def printable(name):

@@ -35,5 +35,5 @@ def run(path, target, dictionary="rbf", precision=32, platform=None, p0=1e4):
         write_bytes(target, header(model, "koop_model", comment).encode())
     else:
         write_bytes(target, model)
-    trace = fitted.replay(log.x, log.u[:-1], usable=log.usable, learn=False)
+    trace = fitted.replay(log.x, log.u[:-1], usable=log.usable, learn=False, traces=("error",))
     console.print(f"{comment}: one-step error {np.nanmean(trace['error']):.3g} on the log itself, {len(model)} bytes in {target}")

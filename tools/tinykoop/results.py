@@ -12,7 +12,7 @@ from pathlib import Path
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, track
 from rich.table import Table
 
 from .errors import UserError
@@ -165,3 +165,12 @@ def print_table(title, headers, rows, note=""):
 def progress(items, description):
     """Iterates over a list with a progress bar on the terminal."""
     return track(items, description=escape(printable(f"{description:<28}")), console=console, transient=True)
+
+
+@contextmanager
+def busy(description):
+    """Shows on the terminal that something of unknown length goes on, and for how long."""
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        bar.add_task(printable(description), total=None)
+        yield

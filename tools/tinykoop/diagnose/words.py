@@ -2,7 +2,7 @@
 
 import math
 
-from .. import results
+from .. import results, sim
 from .noise import LIGHT
 
 SURE = 0.9  # a confidence below is said beside the verdict
@@ -481,6 +481,17 @@ def measured_on(report):
         rows_of(report),
         f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without it.",
         f"The nominal robot moves by this rule: {report['integrator']}. It is chosen before any effect, without a parameter.",
+    ] + searched(report)
+
+
+def searched(report):
+    """Of a long log, what the search has seen."""
+    rows = report["log"].get("searched_rows")
+    if rows is None:
+        return []
+    return [
+        f"The log is long: the search of effects looked at {rows:,} of its rows, in pieces evenly spread over it, and followed the "
+        f"actuators from {seconds(sim.WARM_UP)} before each."
     ]
 
 

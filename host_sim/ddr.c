@@ -33,14 +33,18 @@ void ddr_unsense(const ddr *robot, size_t k, double *pose) {
 	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
 }
 
-ddr_motion ddr_next(ddr *robot, const double *u) {
+static tk_signal next_signal(ddr *robot, const double *u) {
 	tk_signal signal = signal_at(robot, robot->k++);
 	for (size_t i = 0; i < 2; i++) { signal.command[i] = u[i]; }
 	effects_apply(&robot->effects, TK_ACTUATOR, &signal);
 	signal.body[0] = signal.command[0];
 	signal.body[2] = signal.command[1];
 	effects_apply(&robot->effects, TK_PLANT, &signal);
+	return signal;
+}
 
+ddr_motion ddr_next(ddr *robot, const double *u) {
+	const tk_signal signal = next_signal(robot, u);
 	static const double ahead[] = {[TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
 	/* an arc's chord lies half the turn ahead, and is shorter than the arc */
 	const double half = 0.5 * signal.body[2] * signal.dt;
@@ -54,12 +58,16 @@ ddr_motion ddr_next(ddr *robot, const double *u) {
 	};
 }
 
+void ddr_skip(ddr *robot, size_t steps) {
+	robot->k += steps;
+}
+
 void ddr_roll(ddr *robot, size_t steps, const double *u) {
 	if (!robot->effects.remembers) {
-		robot->k += steps;
+		ddr_skip(robot, steps);
 		return;
 	}
-	for (size_t k = 0; k < steps; k++) { ddr_next(robot, u + 2 * k); }
+	for (size_t k = 0; k < steps; k++) { next_signal(robot, u + 2 * k); }
 }
 
 void ddr_move(const ddr_motion *m, double *pose) {

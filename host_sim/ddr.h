@@ -30,6 +30,8 @@ typedef struct ddr_motion {
 
 /* The motion of the next step under u (2); time and actuators go on, the robot's pose stays. */
 ddr_motion ddr_next(ddr *robot, const double *u);
+/* As many steps of time alone. */
+void ddr_skip(ddr *robot, size_t steps);
 /* As many steps under u (steps, 2), for what time and actuators become of them. */
 void ddr_roll(ddr *robot, size_t steps, const double *u);
 void ddr_move(const ddr_motion *motion, double *pose);

@@ -12,15 +12,36 @@
 
 enum { MAX_COLUMNS = 64, MIN_ROWS = 3 };
 
+/* No number of a robot is beyond `limit`, either way: what is, has another unit or is damaged. */
+typedef struct quantity {
+	const char *name, *unit;
+	double limit;
+} quantity;
+
+#define TIME(name) {name, "s", 1e11}             /* since 1970 in ms is beyond it */
+#define POSITION(name) {name, "m", 1e8}          /* twice around the Earth; coordinates of maps are below */
+#define ANGLE(name) {name, "rad", 1e7}           /* days of turning, without jumps at pi */
+#define RATE(name) {name, "rad/s", 1e4}          /* a turbine */
+#define ACCELERATION(name) {name, "m/s^2", 1e5}  /* a shot */
+#define COMMAND(name, unit) {name, unit, 1e7}    /* one's own platform may count it in something else */
+
 typedef struct platform {
 	const char *name;
 	size_t n_states, n_inputs;
-	const char *columns[12]; /* t, states, inputs */
+	quantity columns[12]; /* t, states, inputs */
 } platform;
 
 static const platform platforms[] = {
-    {"ddr", 3, 2, {"t", "px", "py", "theta", "v", "omega"}},
-    {"fwmav", 10, 1, {"t", "gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"}},
+    {"ddr",
+     3,
+     2,
+     {TIME("t"), POSITION("px"), POSITION("py"), ANGLE("theta"), COMMAND("v", "m/s"),
+      COMMAND("omega", "rad/s")}},
+    {"fwmav",
+     10,
+     1,
+     {TIME("t"), RATE("gx"), RATE("gy"), RATE("gz"), ACCELERATION("ax"), ACCELERATION("ay"), ACCELERATION("az"),
+      ANGLE("pitch"), ANGLE("roll"), ANGLE("yaw"), RATE("yaw_rate"), COMMAND("u", "rad")}},
 };
 
 static const platform *platform_by_name(const char *name) {
@@ -126,7 +147,7 @@ static int read_header(reader *r, const tk_log *log) {
 		return fail("%s:1: %zu columns, at most %d can be read", r->path, r->n_columns, MAX_COLUMNS);
 	}
 	for (size_t i = 0; i < width(log); i++) {
-		const char *name = log->platform->columns[i];
+		const char *name = log->platform->columns[i].name;
 		r->field_of[i] = find_column(r, name);
 		if (r->field_of[i] < 0) {
 			return fail("%s:1: column '%s' is missing; a %s log needs all of its columns (see README, Logs)",
@@ -158,6 +179,28 @@ static int read_number(const reader *r, char *const *fields, int column, double 
 	            r->names[column], column + 1, fields[column]);
 }
 
+static int is_possible(double value, const quantity *c) {
+	return fabs(value) <= c->limit; /* not for NaN */
+}
+
+/* Value i of a row: a number that a robot can have. */
+static int read_value(const reader *r, const tk_log *log, char *const *fields, size_t i, double *value) {
+	const quantity *c = &log->platform->columns[i];
+	const int at = r->field_of[i], is_state = i >= 1 && i <= log->platform->n_states;
+	if (read_number(r, fields, at, value) != TK_OK) { return TK_ERROR; }
+	if (is_possible(*value, c)) { return TK_OK; }
+	return fail("%s:%zu: column '%s' (%d): %.40s is beyond %g %s; write it in SI units%s", r->path, r->line,
+	            c->name, at + 1, fields[at], c->limit, c->unit, is_state ? ", or mask the row by pose_ok 0" : "");
+}
+
+/* The same of a masked row, in which a state is never looked at: what cannot be one is NaN. */
+static int read_masked(const reader *r, const tk_log *log, char *const *fields, size_t i, double *value) {
+	if (i == 0 || i > log->platform->n_states) { return read_value(r, log, fields, i, value); }
+	const int possible = parse(fields[r->field_of[i]], value) && is_possible(*value, &log->platform->columns[i]);
+	if (!possible) { *value = NAN; }
+	return TK_OK;
+}
+
 static int grow(tk_log *log) {
 	if (log->rows < log->capacity) { return TK_OK; }
 	const size_t capacity = log->capacity ? 2 * log->capacity : 1024;
@@ -186,12 +229,9 @@ static int read_row(reader *r, char *line, tk_log *log) {
 	if (r->pose_ok >= 0 && read_number(r, fields, r->pose_ok, &pose_ok) != TK_OK) { return TK_ERROR; }
 	double *row = log->values + log->rows * width(log);
 	for (size_t i = 0; i < width(log); i++) {
-		const int is_state = i >= 1 && i <= log->platform->n_states;
-		if (is_state && pose_ok == 0 && !parse(fields[r->field_of[i]], &row[i])) {
-			row[i] = NAN; /* masked: never looked at */
-		} else if (read_number(r, fields, r->field_of[i], &row[i]) != TK_OK) {
-			return TK_ERROR;
-		}
+		const int status = pose_ok == 0 ? read_masked(r, log, fields, i, &row[i])
+		                                : read_value(r, log, fields, i, &row[i]);
+		if (status != TK_OK) { return TK_ERROR; }
 	}
 	if (log->rows && !(row[0] > row[0 - (ptrdiff_t)width(log)])) {
 		return fail("%s:%zu: column 't' (%d): time goes from %g s to %g s; it must increase", r->path,
@@ -335,7 +375,7 @@ static int write_rows(FILE *file, const platform *p, size_t rows, double dt, con
 	const locale_t before = set_locale_aside();
 	if (!before) { return 0; }
 	const size_t columns = 1 + p->n_states + p->n_inputs;
-	for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i]); }
+	for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i].name); }
 	for (size_t k = 0; k < rows; k++) {
 		fprintf(file, "\n%.10g", (double)k * dt);
 		for (size_t i = 0; i < p->n_states; i++) { fprintf(file, ",%.17g", x[k * p->n_states + i]); }
@@ -346,18 +386,27 @@ static int write_rows(FILE *file, const platform *p, size_t rows, double dt, con
 	return fflush(file) == 0 && !ferror(file) && fsync(fileno(file)) == 0;
 }
 
+/* Refuses what reading would refuse. */
+static int check_row(const char *path, size_t k, const quantity *columns, size_t count, const double *values) {
+	for (size_t i = 0; i < count; i++) {
+		if (!is_possible(values[i], &columns[i])) {
+			return fail("%s: row %zu: column '%s': %g is not a number within %g %s; a log holds no other", path, k,
+			            columns[i].name, values[i], columns[i].limit, columns[i].unit);
+		}
+	}
+	return TK_OK;
+}
+
 /* Into a file beside, this process's own, renamed when whole: a half-written log is never taken for one. */
 int tk_log_write(const char *path, const char *platform_name, size_t rows, double dt, const double *x,
                  const double *u) {
 	const platform *p = platform_by_name(platform_name);
 	if (!p) { return TK_ERROR; }
 	if (!path || !x || !u) { return fail("path, x and u must be given"); }
-	for (size_t i = 0; i < rows * (p->n_states + p->n_inputs); i++) {
-		const int is_state = i < rows * p->n_states;
-		const size_t k = is_state ? i : i - rows * p->n_states;
-		if (!isfinite(is_state ? x[k] : u[k])) {
-			return fail("%s: row %zu of the %s is not finite; a log must be", path,
-			            k / (is_state ? p->n_states : p->n_inputs), is_state ? "states" : "inputs");
+	for (size_t k = 0; k < rows; k++) {
+		if (check_row(path, k, p->columns + 1, p->n_states, x + k * p->n_states) != TK_OK ||
+		    check_row(path, k, p->columns + 1 + p->n_states, p->n_inputs, u + k * p->n_inputs) != TK_OK) {
+			return TK_ERROR;
 		}
 	}
 	char *beside = malloc(strlen(path) + 32);

@@ -68,10 +68,11 @@ typedef struct tk_recording {
 	double dt;             /* s */
 	const double *x, *u;   /* rows of 3 and 2; the last command is not used */
 	const int32_t *usable; /* rows - 1, or null: all transitions */
+	size_t warm_up;        /* rows before a window from which actuators are rolled; 0: from the first row */
 } tk_recording;
 
 /* Predictions over many windows of one log. Actuator states (lag, delay,
- * backlash) are rolled once over the whole log, through gaps too; the pose starts
+ * backlash) are rolled along the log, through gaps too; the pose starts
  * in row starts[i] at the measured one, which sensor effects are undone from.
  * Written for every start and each of `steps` (how many steps later), 3 each:
  * the pose predicted as measured, and the measured pose less that one, along,

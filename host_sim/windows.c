@@ -1,10 +1,14 @@
-/* Many short predictions over one log: the actuators are rolled over all of it,
+/* Many short predictions over one log: the actuators are rolled along it,
  * only the pose starts again, at the measured one, in every window.
  *
  * The way covered in a step does not depend on the pose, so one path over the
  * log holds every window: what lies between two of its rows, turned to the
  * window's own start. A window costs two rotations whatever its length, and
- * agrees with a simulation of its own to rounding. */
+ * agrees with a simulation of its own to rounding.
+ *
+ * Of a long log the windows hold little. With a warm-up a path is made for each
+ * stretch of windows that lie closer to each other, and the actuators are rolled
+ * from that many rows before it. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -18,6 +22,12 @@ typedef struct place {
 	double drift[2]; /* m, in the world's axes: not turned */
 	size_t last;     /* the row up to which all transitions may be used */
 } place;
+
+/* Windows `begin` to `end`, the path that holds them, and the row from which actuators are rolled for it. */
+typedef struct stretch {
+	size_t begin, end;
+	size_t from, first, final;
+} stretch;
 
 static int check_actives(const tk_active *effects, size_t n_effects) {
 	for (size_t i = 0; i < n_effects; i++) {
@@ -54,10 +64,13 @@ static int wholly_finite(const double *values, size_t count) {
 	return odd[0] + odd[1] + odd[2] + odd[3] == 0 && all_finite(values + i, count - i);
 }
 
-static int check_recording(const tk_recording *log) {
-	if (!log->x || !log->u || log->rows < 2) { return fail("the log is empty: it needs two rows at least"); }
-	if (wholly_finite(log->u, 2 * (log->rows - 1)) && wholly_finite(log->x, 3 * log->rows)) { return TK_OK; }
-	for (size_t k = 0; k + 1 < log->rows; k++) {
+/* Rows `from` to `final`. */
+static int check_rows(const tk_recording *log, size_t from, size_t final) {
+	if (wholly_finite(log->u + 2 * from, 2 * (final - from)) &&
+	    wholly_finite(log->x + 3 * from, 3 * (final - from + 1))) {
+		return TK_OK;
+	}
+	for (size_t k = from; k < final; k++) {
 		const double *x = log->x + 3 * k, *u = log->u + 2 * k;
 		if (!all_finite(u, 2)) { return fail("the command in row %zu is not finite", k); }
 		if (usable(log, k) && !all_finite(x, 6)) {
@@ -70,6 +83,7 @@ static int check_recording(const tk_recording *log) {
 static int check_windows(const tk_recording *log, size_t n_starts, const int64_t *starts, size_t n_steps,
                          const int64_t *steps) {
 	const int64_t final = (int64_t)log->rows - 1;
+	if (!log->x || !log->u || log->rows < 2) { return fail("the log is empty: it needs two rows at least"); }
 	if ((n_starts && !starts) || !n_steps || !steps) { return fail("starts and steps must be given"); }
 	for (size_t j = 0; j < n_steps; j++) {
 		if (steps[j] < 1 || steps[j] > final) {
@@ -92,10 +106,11 @@ static int64_t longest_of(size_t n_steps, const int64_t *steps) {
 	return longest;
 }
 
-/* The path from row `first` to row `final`. The actuators are rolled from the log's
- * first row, through gaps too. */
-static int travel(ddr *robot, const tk_recording *log, size_t first, size_t final, place *path) {
-	ddr_roll(robot, first, log->u);
+/* The path from row `first` to row `final`. The actuators are rolled through gaps too. */
+static int travel(ddr *robot, const tk_recording *log, const stretch *s, place *path) {
+	const size_t first = s->first, final = s->final;
+	ddr_skip(robot, s->from);
+	ddr_roll(robot, first - s->from, log->u + 2 * s->from);
 	double pose[3] = {0, 0, 0}, drift[2] = {0, 0};
 	for (size_t k = first;; k++) {
 		path[k] = (place){{pose[0], pose[1], pose[2]}, {drift[0], drift[1]}, k};
@@ -162,33 +177,77 @@ static void run(const ddr *robot, const tk_recording *log, const place *path, si
 	}
 }
 
+/* All windows, and the actuators from the log's first row. */
+static stretch whole(const tk_recording *log, size_t n_starts, const int64_t *starts, size_t longest) {
+	stretch s = {.end = n_starts, .first = log->rows - 1};
+	for (size_t i = 0; i < n_starts; i++) {
+		const size_t start = (size_t)starts[i], end = start + longest;
+		s.first = start < s.first ? start : s.first;
+		s.final = end > s.final ? end : s.final;
+	}
+	if (!n_starts || s.final >= log->rows) { s.final = log->rows - 1; }
+	return s;
+}
+
+/* The windows from `begin` on that follow each other more closely than the actuators need. */
+static stretch next_stretch(const tk_recording *log, size_t begin, size_t n_starts, const int64_t *starts,
+                            size_t longest) {
+	const size_t rows = log->warm_up, first = (size_t)starts[begin];
+	stretch s = {.begin = begin, .end = begin, .from = first > rows ? first - rows : 0, .first = first};
+	for (s.final = first; s.end < n_starts; s.end++) {
+		const size_t start = (size_t)starts[s.end];
+		if (start < first || start > s.final + rows) { break; }
+		s.final = start + longest > s.final ? start + longest : s.final;
+	}
+	if (s.final >= log->rows) { s.final = log->rows - 1; }
+	return s;
+}
+
+typedef struct request {
+	const tk_active *effects;
+	size_t n_effects;
+	int integrator;
+	const tk_recording *log;
+	const int64_t *starts, *steps;
+	size_t n_steps;
+	double *predicted, *residual;
+} request;
+
+static int run_stretch(const request *q, const stretch *s, place *path) {
+	const double nowhere[3] = {0, 0, 0}, end = (double)(q->log->rows - 1) * q->log->dt;
+	ddr *robot = ddr_open(q->effects, q->n_effects, q->integrator, q->log->dt, end, nowhere);
+	if (!robot) { return TK_ERROR; }
+	const int status = travel(robot, q->log, s, path);
+	for (size_t i = s->begin; status == TK_OK && i < s->end; i++) {
+		const size_t out = 3 * q->n_steps * i;
+		run(robot, q->log, path, (size_t)q->starts[i], q->n_steps, q->steps,
+		    q->predicted ? q->predicted + out : NULL, q->residual ? q->residual + out : NULL);
+	}
+	ddr_free(robot);
+	return status;
+}
+
 int tk_windows(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
                size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
                double *predicted, double *residual) {
-	const double nowhere[3] = {0, 0, 0};
 	if (!log || (n_effects && !effects)) { return fail("log and effects must be given"); }
-	if (check_recording(log) != TK_OK || check_windows(log, n_starts, starts, n_steps, steps) != TK_OK ||
+	if (check_windows(log, n_starts, starts, n_steps, steps) != TK_OK ||
 	    check_actives(effects, n_effects) != TK_OK) {
 		return TK_ERROR;
 	}
-	ddr *robot =
-	    ddr_open(effects, n_effects, integrator, log->dt, (double)(log->rows - 1) * log->dt, nowhere);
-	if (!robot) { return TK_ERROR; }
-	size_t first = log->rows - 1, final = 0;
-	for (size_t i = 0; i < n_starts; i++) {
-		const size_t start = (size_t)starts[i], end = start + (size_t)longest_of(n_steps, steps);
-		first = start < first ? start : first;
-		final = end > final ? end : final;
-	}
-	final = n_starts && final < log->rows ? final : log->rows - 1;
+	const request q = {effects, n_effects, integrator, log, starts, steps, n_steps, predicted, residual};
+	const size_t longest = (size_t)longest_of(n_steps, steps);
+	const int is_long = log->warm_up && n_starts;
 	place *path = malloc(log->rows * sizeof *path);
-	const int status = path ? travel(robot, log, first, final, path) : fail("out of memory");
-	for (size_t i = 0; status == TK_OK && i < n_starts; i++) {
-		const size_t out = 3 * n_steps * i;
-		run(robot, log, path, (size_t)starts[i], n_steps, steps, predicted ? predicted + out : NULL,
-		    residual ? residual + out : NULL);
+	int status = path ? TK_OK : fail("out of memory");
+	for (size_t begin = 0, done = 0; status == TK_OK && !done;) {
+		const stretch s = is_long ? next_stretch(log, begin, n_starts, starts, longest)
+		                          : whole(log, n_starts, starts, longest);
+		status = check_rows(log, is_long ? s.from : 0, is_long ? s.final : log->rows - 1);
+		if (status == TK_OK) { status = run_stretch(&q, &s, path); }
+		begin = s.end;
+		done = s.end >= n_starts;
 	}
 	free(path);
-	ddr_free(robot);
 	return status;
 }

@@ -4,6 +4,7 @@ and flown on the host. Its vehicle and its stock controller are the stand-ins', 
 import ctypes
 import functools
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -114,6 +115,56 @@ def test_stack(arm):
     for function, stack in {"controllerOutOfTree": STABILIZER_STACK, "appMain": 4 * int(words)}.items():
         size, path = depths[function]
         assert len(path) > 2 and 200 < size <= stack / 2, f"{function}: {size} bytes, {' > '.join(path)}"
+
+
+# ---- how the firmware's build finds it ---------------------------------------------------------------
+
+
+def objects_of(kbuild):
+    return re.findall(r"^obj-y \+= (\S+)$", kbuild.read_text(), re.M)
+
+
+def test_kbuild_names_the_sources_of_the_folder():
+    assert objects_of(EXAMPLE / "Kbuild") == ["src/"]
+    assert {name.removesuffix(".o") for name in objects_of(EXAMPLE / "src/Kbuild")} == {p.stem for p in (EXAMPLE / "src").glob("*.c")}
+
+
+@pytest.fixture
+def firmware(tmp_path):
+    """Stands in for the firmware's checkout: configures with the app's file, then builds, as its oot.mk is documented to do."""
+    (tmp_path / "tools/make").mkdir(parents=True)
+    (tmp_path / "tools/make/oot.mk").write_text(
+        "OOT_CONFIG ?= $(OOT)/oot-config\n"
+        "all cload: ; @$(MAKE) --no-print-directory -C $(CRAZYFLIE_BASE) OOT=$(OOT) CONFIG_FILE=$(OOT_CONFIG) firmware-$@\n"
+        "any: ; @OOT_CONFIG=/of/another/vehicle $(MAKE) --no-print-directory all\n"
+    )
+    (tmp_path / "Makefile").write_text('firmware-%: ; @echo "$* $(OOT) $(CONFIG_FILE)"; test -f $(OOT)/Kbuild\n')
+    return tmp_path
+
+
+def make(*arguments, base=None):
+    command = ["make", "--no-print-directory", "-C", EXAMPLE, *arguments, *([f"CRAZYFLIE_BASE={base}"] if base else [])]
+    return subprocess.run([str(part) for part in command], capture_output=True, text=True, cwd="/")
+
+
+@pytest.mark.parametrize("target", ["all", "cload"])
+def test_makefile_names_the_folder_and_its_configuration(firmware, target):
+    """From wherever make is called, and by a path to the firmware that is relative to the folder too."""
+    for base in (firmware, os.path.relpath(firmware, EXAMPLE)):
+        done = make(target, base=base)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.split() == [target, str(EXAMPLE), str(EXAMPLE / "app-config")]
+
+
+def test_makefile_leaves_the_configuration_of_another_vehicle_to_the_firmware(firmware):
+    assert make("any", base=firmware).stdout.split()[-1] == "/of/another/vehicle"
+
+
+def test_makefile_without_the_firmware_says_what_is_missing(tmp_path):
+    for base in (None, tmp_path):
+        done = make(base=base)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+        assert "CRAZYFLIE_BASE" in done.stderr
 
 
 # ---- how it flies ---------------------------------------------------------------------------------------

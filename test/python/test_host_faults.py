@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -248,6 +249,83 @@ def test_terminal_that_takes_nothing(log, tmp_path):
         )
     assert one_line(done.returncode, done.stderr), done.stderr
     assert not list(tmp_path.iterdir())  # it fails in the progress bar, before there are results
+
+
+# ---- names that are not UTF-8 ----------------------------------------------------------------------------
+
+STRICT = {**ENVIRONMENT, "PYTHONIOENCODING": "utf-8:strict"}  # in the C locale Python prints such names as they are
+
+
+def named(log, folder, suffix=".csv"):
+    """A copy of the log whose name is Latin-1."""
+    path = Path(os.fsdecode(os.fsencode(folder) + b"/drive-\xff" + os.fsencode(suffix)))
+    shutil.copy(log, path)
+    return path
+
+
+@pytest.mark.parametrize("writer", ["replay", "diagnose", "fresh", "changes", "healthy", "fit", "fly", "convert"])
+def test_a_name_that_is_not_utf8_is_shown_escaped(writer, log, flight, tmp_path):
+    """Of the log, of the folder for results and of what is written: pages and JSON are UTF-8 all the same."""
+    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out-\xfe"))
+    drive, hover = named(log, tmp_path), named(flight, tmp_path, ".flight.csv")
+    more = {
+        "fresh": [*TINYKOOP, "diagnose", log, "--fresh", drive, "--out", out],
+        "healthy": [*TINYKOOP, "diagnose", hover, "--healthy", hover, "--platform", "fwmav", "--out", out],
+        "convert": [*TINYKOOP, "convert", drive, out / "x.csv", "--platform", "ddr"],
+    }
+    command = (commands(drive, hover, out) | more)[writer]
+    done = subprocess.run([*map(os.fsencode, command)], env=STRICT, capture_output=True)
+    assert done.returncode == (2 if writer == "convert" else 0), done.stderr  # it is none of the formats of others
+    said = (done.stdout + done.stderr).decode()
+    assert "Traceback" not in said
+    assert r"drive-\xff" in said or writer not in ("convert", "fit")
+    for path in out.glob("*") if out.exists() else ():
+        if path.suffix in (".json", ".html", ".h"):
+            text = path.read_text(encoding="utf-8")
+            if path.suffix == ".json":
+                text = json.dumps(json.loads(text), ensure_ascii=False)
+                assert text.encode(), "half of a surrogate pair is no text"
+            assert "drive-" not in text or re.search(r"drive-\\{1,2}xff", text)
+
+
+def test_brackets_in_a_name_are_no_style(flight, tmp_path):
+    name = tmp_path / "a[/red].csv"
+    done = subprocess.run([*TINYKOOP, "fly", "hover", name, "--seconds", "5"], env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert name.name in done.stdout.replace("\n", "")
+
+
+# ---- nobody reads on -------------------------------------------------------------------------------------
+
+
+def into_closed_pipe(command):
+    """(status, standard error) of a command whose standard output is a pipe that nobody reads."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run([*map(str, command)], env=ENVIRONMENT, stdout=writer, stderr=subprocess.PIPE, text=True)
+    finally:
+        os.close(writer)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("writer", [writer for writer in WRITERS if writer != "amalgamate"])
+def test_output_closed_early_ends_quietly(writer, log, flight, tmp_path):
+    """With the status that a shell gives for SIGPIPE, as after `yes | head -1`."""
+    shell = subprocess.run(["bash", "-c", "yes | head -1; exit ${PIPESTATUS[0]}"], capture_output=True).returncode
+    assert into_closed_pipe(commands(log, flight, tmp_path)[writer]) == (shell, "")
+    assert not parts(tmp_path)
+
+
+def test_help_closed_early_ends_quietly():
+    assert into_closed_pipe([*TINYKOOP, "--help"])[1] == ""
+
+
+def test_no_output_at_all_is_no_fault(log, tmp_path):
+    """`>&-`: Python then has no standard output."""
+    closed = f"exec {' '.join(map(str, [*TINYKOOP, 'fit', log, tmp_path / 'model.h']))} >&-"
+    done = subprocess.run(["bash", "-c", closed], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 # ---- two at once ---------------------------------------------------------------------------------------

@@ -19,6 +19,11 @@ COLUMNS = {
 }
 
 
+LOG_STATES = {"ddr": 3, "fwmav": 10}
+# of each column: what no robot has in SI units
+LIMITS = {"ddr": [1e11, 1e8, 1e8, 1e7, 1e7, 1e7], "fwmav": [1e11, *[1e4] * 3, *[1e5] * 3, *[1e7] * 3, 1e4, 1e7]}
+
+
 def table(platform="ddr", rows=6, dt=0.05, seed=0):
     """A good log as a list of rows of text, the header first."""
     header = COLUMNS[platform].split(",")
@@ -135,8 +140,8 @@ def test_gap_in_time_is_not_usable_and_jitter_is(read):
 @pytest.mark.parametrize("platform, sizes, dt", [("ddr", (3, 2), 0.05), ("fwmav", (10, 1), 0.01)])
 def test_round_trip_is_bit_exact(tmp_path, platform, sizes, dt):
     rng = np.random.default_rng(2)
-    x, u = (rng.normal(0, 1, (3000, k)) * 10.0 ** rng.integers(-30, 30, (3000, k)) for k in sizes)
-    x[0, 0], x[1, 0], x[2, 0] = -0.0, 5e-324, 1.7976931348623157e308
+    x, u = (rng.normal(0, 1, (3000, k)) * 10.0 ** rng.integers(-30, 3, (3000, k)) for k in sizes)
+    x[0, 0], x[1, 0], x[2, 0] = -0.0, 5e-324, LIMITS[platform][1]
     sim.write_log(tmp_path / "a.csv", x, u, dt, platform)
     log = sim.read_log(tmp_path / "a.csv", platform)
     assert log.x.tobytes() == x.tobytes() and log.u.tobytes() == u.tobytes()
@@ -151,10 +156,11 @@ def test_write_where_nothing_can_be_written(tmp_path):
 
 
 def test_write_refuses_what_read_would_refuse(tmp_path):
-    x = np.zeros((3, 3))
-    x[1, 1] = np.nan
-    with pytest.raises(UserError):
-        sim.write_log(tmp_path / "a.csv", x, np.zeros((3, 2)), 0.05)
+    for value in (np.nan, np.inf, 1e9):
+        x = np.zeros((3, 3))
+        x[1, 1] = value
+        with pytest.raises(UserError, match=r"a\.csv: row 1: column 'py'"):
+            sim.write_log(tmp_path / "a.csv", x, np.zeros((3, 2)), 0.05)
 
 
 # ---- what is refused, and with what words ----------------------------------------------------------
@@ -183,6 +189,31 @@ def test_bad_number_is_refused_with_file_line_and_column(read, field):
     with pytest.raises(UserError, match=r"log\.csv:5: .*'theta' \(4\)") as refusal:
         read(rows)
     assert f"'{field.strip()}'" in str(refusal.value)
+
+
+@pytest.mark.parametrize("platform", COLUMNS)
+def test_number_that_no_robot_has_is_refused_with_file_line_column_and_remedy(read, platform):
+    for i, (name, limit) in enumerate(zip(COLUMNS[platform].split(","), LIMITS[platform])):
+        for value in (limit, -limit) if i else (limit,):
+            rows = table(platform)
+            rows[-1][i] = repr(value)
+            check_same(read(rows, platform), rows)
+            for beyond in (repr(float(np.nextafter(value, 2 * value))), "-1e150", "1" + "0" * 200):
+                rows[-1][i] = beyond
+                mend = "mask the row by pose_ok 0$" if 0 < i <= LOG_STATES[platform] else "SI units$"
+                with pytest.raises(UserError, match=rf"log\.csv:7: column '{name}' \({i + 1}\): .*beyond 1[0e].*{mend}") as refusal:
+                    read(rows, platform)
+                assert len(str(refusal.value)) < 300
+
+
+def test_number_that_no_robot_has_may_stand_in_a_masked_pose(read):
+    rows = [[*row, ok] for row, ok in zip(table(), ["pose_ok", "1", "1", "0", "1", "1", "1"])]
+    rows[3][2] = "1e150"
+    log = read(rows)
+    assert np.isnan(log.x[2, 1]) and log.usable.tolist() == [True, False, False, True, True]
+    rows[3][4] = "1e150"
+    with pytest.raises(UserError, match=r"log\.csv:4: column 'v' \(5\): .*SI units$"):
+        read(rows)
 
 
 @pytest.mark.parametrize("column", ["seg", "pose_ok"])

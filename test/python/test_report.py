@@ -301,3 +301,32 @@ def test_dense_line_keeps_what_is_seen_of_it():
 def test_thin_line_is_drawn_point_by_point():
     assert figures.drawn(np.arange(50.0), np.ones(50), np.ones(50, bool)).all()
     assert len(figures.drawn(np.zeros(0), np.zeros(0), np.zeros(0, bool))) == 0
+
+
+# ---- numbers -------------------------------------------------------------------------------------
+
+
+LONG = re.compile(r"[0-9][0-9,.]{12,}")  # more than anyone reads
+
+
+@pytest.mark.parametrize("value", [1e150, -1e150, 1.23456789e12, 1e-12, -1.23456789e-150, 0.0, 123456.789])
+def test_no_number_is_printed_with_more_digits_than_anyone_reads(value):
+    said = [words.plain(value), words.plain(value, 5), words.length(value), words.angle(value), words.percent(value), words.seconds(value)]
+    for width in (0, 1e-3, 1.0):
+        places = words._places(value, value - width * abs(value), value + width * abs(value))
+        said.append(words.quantity(value, "m", places))
+    ticks, places = figures.round_numbers(value - abs(value), value + abs(value))
+    said += [figures.tick(t, places) for t in ticks]
+    assert not [text for text in said if LONG.search(text)]
+
+
+def test_page_of_a_log_at_the_limits_of_the_reader_has_no_long_numbers():
+    """A pose that is off by as much as can be read, and a robot as small as can be."""
+    for scale in (1e-9, 1.0):
+        log = make_log(300, [], 4)
+        log.x[:, :2] *= scale
+        if scale == 1:
+            log.x[150:, 0] += 1e8 - 100
+        result = diagnose(log)
+        text = re.sub(r'<path[^>]*>|href="data:[^"]*"', "", page.html(result).decode())
+        assert not LONG.findall(text)

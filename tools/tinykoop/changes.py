@@ -19,7 +19,7 @@ import numpy as np
 
 from . import plots, replay, sim, transfer
 from .errors import UserError
-from .results import output_folder, replacing
+from .results import output_folder, printable, replacing
 
 STEP = 0.1  # s, over which rows are averaged; of a log slower than that each row is a step, and all that follows is longer
 SWING = 10  # steps
@@ -252,7 +252,7 @@ def draw(out, stem, found, t, left, score, scores):
     title = f"{WORDS[strongest['kind']]} at {strongest['time']:.1f} s, most in {strongest['channels'][0]}" if strongest else "no change"
     if len(found) > 1:
         title = f"{len(found)} changes, the strongest: {title}"
-    figure.suptitle(f"{stem}: {title}", x=0.01, ha="left")
+    figure.suptitle(f"{printable(stem)}: {title}", x=0.01, ha="left")
     for ax, c in zip(axes, shown):
         name, unit = transfer.CHANNELS[c]
         ax.plot(t, left[:, c], color="0.75", lw=0.7, label="innovations, mean over 0.1 s")

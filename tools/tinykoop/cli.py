@@ -2,13 +2,19 @@
 
 import argparse
 import os
+import signal
 import sys
 from pathlib import Path
 
 from .errors import UserError
+from .results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
+
+# What a shell says of a program that SIGPIPE ends, as `| head` ends those in C. Python ignores the signal: it would end
+# the process in the middle of a write, or where a worker's pipe is gone.
+CLOSED = 128 + signal.SIGPIPE
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small here: threads cost more than they bring
 
@@ -191,19 +197,40 @@ def dispatch(a):
         import_module(f"tinykoop.{a.command}").run(a.out)
 
 
-def main():
-    """Exit status 2 and one line on standard error for what the user can mend."""
-    arguments = parser().parse_args()
+def _run():
+    """Runs what the arguments say, and writes out what it has printed while its failure can still be told."""
     try:
-        dispatch(arguments)
+        dispatch(parser().parse_args())
+    finally:
+        sys.stdout.flush()
+
+
+def _refuse(line):
+    print(f"tinykoop: {printable(line)}", file=sys.stderr)
+    return 2
+
+
+def _drop_output():
+    """Python tries again at its end to print what could not be printed: into nothing then, without a word."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def main():
+    """Exit status 2 and one line on standard error for what the user can mend; CLOSED without a word for a reader that is gone."""
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # none: `>&-`
+    sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be UTF-8, nor the terminal
+    try:
+        _run()
     except UserError as error:
-        print(f"tinykoop: {error}", file=sys.stderr)
-        return 2
+        return _refuse(error)
     except KeyboardInterrupt:
-        return 130
+        return 128 + signal.SIGINT
+    except BrokenPipeError:
+        _drop_output()
+        return CLOSED
     except OSError as error:  # of the terminal or a temporary file: results say it themselves
-        print(f"tinykoop: {error.strerror or error}{f': {error.filename}' if error.filename else ''}", file=sys.stderr)
-        return 2
+        _drop_output()
+        return _refuse(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}")
     return 0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from . import replay
 from .errors import UserError
-from .results import console, output_folder, write_bytes
+from .results import console, output_folder, printable, write_bytes
 
 
 def header(model, name, comment):
@@ -29,11 +29,11 @@ def run(path, target, dictionary="rbf", precision=32, platform=None, p0=1e4):
     model = stored.model()
     comment = (
         f"TinyKoop model: {dictionary}_{platform}, float{precision}, N = {fitted.N}, m = {fitted.m}, "
-        f"fitted on {Path(path).name}"
+        f"fitted on {printable(Path(path).name)}"
     )
     if target.suffix == ".h":
         write_bytes(target, header(model, "koop_model", comment).encode())
     else:
         write_bytes(target, model)
-    trace = fitted.replay(log.x, log.u[:-1], usable=log.usable, learn=False)
+    trace = fitted.replay(log.x, log.u[:-1], usable=log.usable, learn=False, traces=("error",))
     console.print(f"{comment}: one-step error {np.nanmean(trace['error']):.3g} on the log itself, {len(model)} bytes in {target}")

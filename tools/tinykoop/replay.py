@@ -10,7 +10,7 @@ import numpy as np
 
 from . import plots, scenario, sim
 from .errors import UserError
-from .results import number, output_folder, print_table, progress, replacing
+from .results import number, output_folder, print_table, printable, progress, replacing
 
 FIT, CALIBRATE = 0.2, 0.2  # shares of the log
 ETA = 0.75
@@ -55,8 +55,14 @@ def load(path, platform=None):
 def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0, usable=None):
     """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge."""
     estimator = sim.Estimator(f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
-    estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable)
+    estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable, traces=())
     return estimator
+
+
+def norm(matrix):
+    """Frobenius, also where squares leave the range."""
+    largest = float(np.abs(matrix).max())
+    return largest * float(np.linalg.norm(matrix / largest)) if 0 < largest < np.inf else largest
 
 
 def baselines(log, platform):
@@ -91,7 +97,7 @@ def run_log(path, out, platform=None):
     rows, errors = [], {}
     for name, error in baselines(log, platform).items():
         errors[name] = np.where(scored, error, np.nan)
-        rows.append({"source": Path(path).stem, "method": name, "mean_error": float(error[scored].mean())})
+        rows.append({"source": printable(Path(path).stem), "method": name, "mean_error": float(error[scored].mean())})
     online = {method: method.regulator != "offline" for method in scenario.METHODS}
     jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS if online[method] or not variant[-1]]
     for method, form, precision, gate in progress(jobs, Path(path).stem):
@@ -100,12 +106,12 @@ def run_log(path, out, platform=None):
             n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary], gate=gate,
         )  # fmt: skip
         estimator.theta = offline[method.dictionary]
-        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online[method])
+        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online[method], traces=("error", *sim.FLAGS))
         errors[method, form, precision, gate] = trace["error"]
         gates = method.regulator in ("dz_cs", "dz_ks")
         rows.append(
             {
-                "source": Path(path).stem,
+                "source": printable(Path(path).stem),
                 "method": method.label,
                 "dictionary": method.dictionary,
                 "regulator": method.regulator,
@@ -114,7 +120,7 @@ def run_log(path, out, platform=None):
                 "gate": gate,
                 "steps": int(scored.sum()),
                 "mean_error": float(np.nanmean(trace["error"])),
-                "final_P_fro": float(trace["norm_p"][-1]) if online[method] else None,
+                "final_P_fro": norm(estimator.covariance) if online[method] else None,
                 "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
                 "delta": delta[method.dictionary] if gates else None,
                 "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online[method] else None,
@@ -122,7 +128,7 @@ def run_log(path, out, platform=None):
             }
         )
     with replacing(out / f"replay_{Path(path).stem}.json", rows):
-        draw(out, rows, errors, log, scored)
+        draw(out / f"replay_{Path(path).stem}.png", rows, errors, log, scored)
     report(rows, log, scored)
     return rows
 
@@ -165,7 +171,7 @@ def report(rows, log, scored):
     )
 
 
-def draw(out, rows, errors, log, scored):
+def draw(path, rows, errors, log, scored):
     """Error over time of a few, mean error of all in float64 and float32."""
     table = by_method(rows)
     pairs = [(v[VARIANTS[0]], v[VARIANTS[1]]) for _, v in table if VARIANTS[0] in v]
@@ -201,4 +207,4 @@ def draw(out, rows, errors, log, scored):
     right.set_xlabel("mean one-step error (state units), bars: float64")
     right.grid(axis="y", visible=False)
     right.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14))
-    plots.save(figure, out / f"replay_{rows[0]['source']}.png")
+    plots.save(figure, path)

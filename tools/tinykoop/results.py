@@ -11,14 +11,26 @@ from pathlib import Path
 
 from rich import box
 from rich.console import Console
-from rich.progress import track
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, track
 from rich.table import Table
 
 from .errors import UserError
 
-_terminal = Console()
+
+class _Console(Console):
+    def on_broken_pipe(self):
+        raise  # rich would end the process here with its own status; cli.main() says which one
+
+
+_terminal = _Console(markup=False)  # brackets in the name of a file are no style
 # Tables are made for 110 columns; where the width is unknown (a pipe, CI) that is what they get.
-console = _terminal if _terminal.width >= 110 else Console(width=110)
+console = _terminal if _terminal.width >= 110 else _Console(width=110, markup=False)
+
+
+def printable(name):
+    """The name of a file as text for pages, plots and JSON: its bytes that are not UTF-8, which Linux allows, become \\xff."""
+    return str(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def _finite(value):
@@ -152,4 +164,13 @@ def print_table(title, headers, rows, note=""):
 
 def progress(items, description):
     """Iterates over a list with a progress bar on the terminal."""
-    return track(items, description=f"{description:<28}", console=console, transient=True)
+    return track(items, description=escape(printable(f"{description:<28}")), console=console, transient=True)
+
+
+@contextmanager
+def busy(description):
+    """Shows on the terminal that something of unknown length goes on, and for how long."""
+    columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        bar.add_task(printable(description), total=None)
+        yield

@@ -40,7 +40,7 @@ class _Flight(ct.Structure):
 
 
 class _Recording(ct.Structure):
-    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", ct.c_void_p), ("u", ct.c_void_p), ("usable", ct.c_void_p)]
+    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", ct.c_void_p), ("u", ct.c_void_p), ("usable", ct.c_void_p), ("warm_up", ct.c_size_t)]
 
 
 class _Storage(ct.Structure):
@@ -175,7 +175,7 @@ def _call(name, *arguments):
 
 def _check(name, *arguments):
     if _call(name, *arguments) != 0:
-        raise UserError(_call("tk_message").decode("utf-8", "replace"))
+        raise UserError(_call("tk_message").decode("utf-8", "backslashreplace"))
 
 
 def _in(array, columns=None):
@@ -263,11 +263,16 @@ def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     return x
 
 
+LONG = 20_000  # rows, of a log that is rolled as a whole
+WARM_UP = 30.0  # s: ten time constants of the slowest lag that can be
+
+
 class Rollouts:
     """A log's measured poses x (K, 3), predicted from its commands u (K or K-1, 2) in windows of their own.
 
     A window begins at the pose measured in a row of `starts` (S); `steps` (n) says how many steps later
-    it is compared. Actuator states are rolled over the whole log, through what is not usable (K-1) too.
+    it is compared. Actuator states are rolled over the whole log, or if it is LONG from WARM_UP before each window, through
+    what is not usable (K-1) too.
     Arrays are kept, not copied: they are to stay as they are.
     """
 
@@ -279,7 +284,8 @@ class Rollouts:
             raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
         self._predicted, self._residual = np.empty((2, len(starts), len(steps), 3))
         self._kept = x, u, usable, starts, steps  # what the addresses are of
-        log = _Recording(len(x), dt, _address(x), _address(u), _address(usable))
+        warm_up = max(int(min(WARM_UP / dt, len(x))), 1) if len(x) > LONG and dt > 0 else 0
+        log = _Recording(len(x), dt, _address(x), _address(u), _address(usable), warm_up)
         self._arguments = (
             ct.c_int(integrator), ct.byref(log),
             ct.c_size_t(len(starts)), _address(starts), ct.c_size_t(len(steps)), _address(steps),
@@ -507,8 +513,8 @@ class Controller:
 # ---- estimator -------------------------------------------------------------------------------
 
 # What a replay writes down, with one row for each transition.
-_FLAGS = ("status", "gated", "positive_definite")
-TRACES = ("error", "predicted", "innovation", *_FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
+FLAGS = ("status", "gated", "positive_definite")
+TRACES = ("error", "predicted", "innovation", *FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
 
 
 class Estimator:
@@ -594,7 +600,7 @@ class Estimator:
             raise ValueError(f"{len(x)} states do not go with {K} inputs")
         if unknown := set(traces) - set(TRACES):
             raise ValueError(f"there are no traces named {sorted(unknown)}, only {TRACES}")
-        out = {name: np.empty(K, np.int32 if name in _FLAGS else np.float64) for name in traces if name != "predicted"}
+        out = {name: np.empty(K, np.int32 if name in FLAGS else np.float64) for name in traces if name != "predicted"}
         if "predicted" in traces:
             out["predicted"] = np.empty((K, self.n))
         if every:

@@ -12,7 +12,7 @@ import numpy as np
 
 from . import plots, replay, scenario, sim
 from .errors import UserError
-from .results import number, output_folder, print_table, progress, replacing
+from .results import number, output_folder, print_table, printable, progress, replacing
 
 # The paper names no filter. At 3 Hz a threshold of 1 gates about as often as the paper says it does (54 to 73 %).
 CUTOFF = 3.0  # Hz
@@ -173,7 +173,7 @@ def run(out, data):
     out = output_folder(out)
     sources = {"synthetic": synthetic()}
     if data:
-        sources[Path(data).name] = read(data)
+        sources[printable(Path(data).name)] = read(data)
     learned = {name: transfers(name, flights) for name, flights in sources.items()}
     rows = [row for own, _ in learned.values() for row in own]
     with replacing(out / "transfer.json", rows):

@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import rich.progress
+from rich.markup import escape
 
 from ..errors import UserError
 from ..results import console
@@ -63,7 +64,7 @@ def numbers(path, width, damaged):
     """Rows below the header: NumPy's fast reader, and where that stumbles the one that can say why."""
     try:
         with warnings.catch_warnings(), rich.progress.open(
-            path, "rb", console=console, transient=True, disable=not console.is_terminal, description=path.name
+            path, "rb", console=console, transient=True, disable=not console.is_terminal, description=escape(path.name)
         ) as file:  # fmt: skip
             warnings.simplefilter("ignore")  # no rows: said by the caller
             data = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2, encoding="utf-8", comments=None)

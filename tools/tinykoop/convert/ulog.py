@@ -7,6 +7,7 @@ import struct
 
 import numpy as np
 import rich.progress
+from rich.markup import escape
 
 from ..errors import UserError
 from ..results import console
@@ -154,7 +155,7 @@ class Watched(io.BytesIO):
         super().__init__(data)
         self.reads = self.farthest = self.circles = 0
         self.bar = rich.progress.Progress(console=console, transient=True, disable=not (description and console.is_terminal))
-        self.task = self.bar.add_task(description, total=len(data))
+        self.task = self.bar.add_task(escape(description), total=len(data))
 
     def __enter__(self):
         self.bar.start()

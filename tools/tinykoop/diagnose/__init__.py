@@ -5,9 +5,10 @@ where, advise -> diagnosis (the report) -> page (what people read).
 """
 
 import sys
+from pathlib import Path
 
 from ..errors import UserError
-from ..results import output_folder, replacing, write_bytes
+from ..results import busy, output_folder, printable, replacing, write_bytes
 from . import page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
@@ -15,25 +16,30 @@ from .platform import PLATFORMS
 __all__ = ["diagnose", "in_log_time", "load", "page", "run", "words"]
 
 
-def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
-    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
+def _arguments(path, fresh, platform, without, healthy):
+    """(module for this kind of log, what its diagnose() takes)."""
     if platform == "fwmav":
         from . import flight as kind
 
         log, fresh_log, own = (kind.load(file) if file else None for file in (path, fresh, healthy))
-        arguments = log, fresh_log, without, own
-    else:
-        if healthy:
-            raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
-        kind, robot = sys.modules[__name__], PLATFORMS[platform]()
-        log, fresh_log = (load(file, robot) if file else None for file in (path, fresh))
-        arguments = log, robot, fresh_log, without
-    out = output_folder(out)
-    result = kind.diagnose(*arguments)
+        return kind, (log, fresh_log, without, own)
+    if healthy:
+        raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
+    robot = PLATFORMS[platform]()
+    log, fresh_log = (load(file, robot) if file else None for file in (path, fresh))
+    return sys.modules[__name__], (log, robot, fresh_log, without)
+
+
+def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
+    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
+    with busy(f"diagnosing {Path(path).name}"):
+        kind, arguments = _arguments(path, fresh, platform, without, healthy)
+        out = output_folder(out)
+        result = kind.diagnose(*arguments)
     # page and summary count seconds from the first row
-    result.report = {"log_file": str(path), "fresh_file": str(fresh) if fresh else None, **result.report}
+    result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
     page = kind.page.html(result)
-    with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
+    with replacing(out / "report.json", in_log_time(result.report, float(arguments[0].t[0]))):
         write_bytes(out / "report.html", page)
     kind.words.print_summary(result.report, out / "report.html")
     return result

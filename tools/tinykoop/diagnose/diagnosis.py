@@ -257,7 +257,8 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
             "tails_nu": found.nu,
         },
         "integrator": integrator.name,
-        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt},
+        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt}
+        | ({"searched_rows": int(pieces.lengths.sum())} if len(log.x) > sim.LONG else {}),
         "advice": {"drive": advice[0], "words": advice[1], "separation": advice[3]} if advice else None,
     }  # fmt: skip
     result = Diagnosis(report, log, pieces, fit, before, after, least, advice)

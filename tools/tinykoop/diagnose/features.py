@@ -82,7 +82,7 @@ def dependence(name):
 
 
 def integrate(pieces, values, channels):
-    """Residuals (F, S, L, 3) that velocity errors values (F, K) (m/s, rad/s) make, each in its channel of `channels` (F)."""
+    """Residuals (F, S, L, 3) that velocity errors values (F, S, L) (m/s, rad/s) make, each in its channel of `channels` (F)."""
     rows, dt = pieces.rows, pieces.log.dt
     x0 = pieces.start_pose
     heading = pieces.log.x[rows][..., 2] - x0[:, None, 2]
@@ -101,7 +101,7 @@ def integrate(pieces, values, channels):
 
     for channel in range(3):
         chosen = np.asarray(channels) == channel
-        step = values[chosen][:, rows] * going_on
+        step = values[chosen] * going_on
         if channel == 0:
             moved = summed(step * c), summed(step * s), 0
         elif channel == 1:
@@ -122,12 +122,20 @@ def raw_columns(pieces):
     return pieces.raw
 
 
+def _in_pieces(pieces):
+    """{name: (scaled values in the rows of the pieces (S, L), channels)} of what moves at all; made once, since starts have no say."""
+    if pieces.features is None:
+        u = pieces.platform.commands(pieces.log.u)
+        table = functions(u, pieces.log.x, pieces.log.dt)
+        scaled = ((name, _scaled(values), channels) for name, (values, channels) in table.items())
+        pieces.features = {name: (values[pieces.rows], channels) for name, values, channels in scaled if values.any()}
+    return pieces.features
+
+
 def _raw_columns(pieces):
     names, used = [], []
-    u = pieces.platform.commands(pieces.log.u)
-    for name, (values, channels) in functions(u, pieces.log.x, pieces.log.dt).items():
-        values = _scaled(values)
-        if values.any() and ROWS_EACH * (len(names) + len(channels)) <= max(pieces.degrees, LEAST):
+    for name, (values, channels) in _in_pieces(pieces).items():
+        if ROWS_EACH * (len(names) + len(channels)) <= max(pieces.degrees, LEAST):
             used.extend(values for _ in channels)
             names.extend((name, channel) for channel in channels)
     return names, integrate(pieces, np.array(used), [channel for _, channel in names])

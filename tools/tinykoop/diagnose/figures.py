@@ -10,6 +10,7 @@ from html import escape
 
 import numpy as np
 
+from ..results import number
 from . import words
 from .fit import active
 from .measure import HORIZONS
@@ -18,6 +19,7 @@ WIDTH = 480  # of every figure, px; narrower screens scale it
 MOST_POINTS = 1500  # of a path: more are not seen
 ZOOMS = 3
 TEXT = 8  # px, about, of a character
+LONGEST = 12  # characters of a number at an axis that is written without an exponent
 SHORTEST = 2  # steps of a prediction worth drawing
 
 
@@ -36,6 +38,11 @@ def round_numbers(low, high, most=5):
     return [i * step for i in range(first, math.floor(high / step + 1e-9) + 1)], max(
         0, -math.floor(math.log10(step) + 1e-9)
     )
+
+
+def tick(value, places):
+    text = f"{value + 0.0:.{places}f}"
+    return text if len(text) <= LONGEST else number(value)
 
 
 def extent(values, pad=0.05):
@@ -114,16 +121,16 @@ class Panel:
         base = self.top + self.height
         for axis, (ticks, places) in (("x", round_numbers(*self.x, x_ticks)), ("y", round_numbers(*self.y, y_ticks))):
             for value in ticks:
-                number = f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
+                text = tick(value, places).replace("-", "\N{MINUS SIGN}")
                 if axis == "x":
                     at = float(self.px(value))
                     out.append(stroke(at, self.top, at, base, "grid"))
                     if x_label is not None:
-                        out.append(note(at, base + 15, number, "tick", "middle"))
+                        out.append(note(at, base + 15, text, "tick", "middle"))
                 else:
                     at = float(self.py(value))
                     out.append(stroke(self.left, at, self.left + self.width, at, "grid"))
-                    out.append(note(self.left - 5, at + 4, number, "tick", "end"))
+                    out.append(note(self.left - 5, at + 4, text, "tick", "end"))
         if x_label:
             out.append(note(self.left + self.width / 2, base + 32, x_label, "label", "middle"))
         if y_label:
@@ -330,7 +337,7 @@ def over_time(result, starts, errors, label, error, segments):
             x0, x1 = panel.px(max(words.real(a), 0)), panel.px(min(words.real(b), end))
             parts.append(rect(x0, y + 12, x1 - x0, 11, "bar-after"))
     ticks, places = round_numbers(0, end)
-    parts += [note(float(panel.px(v)), bottom + 29, f"{v:.{places}f}", "tick", "middle") for v in ticks]
+    parts += [note(float(panel.px(v)), bottom + 29, tick(v, places), "tick", "middle") for v in ticks]
     parts.append(note(left + width / 2, bottom + 46, "time (s)", "label", "middle"))
     return svg(bottom + 52, label, *parts)
 

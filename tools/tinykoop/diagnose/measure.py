@@ -28,9 +28,9 @@ class Windows:
 
 def starts_of(log, horizons=HORIZONS):
     """Rows from which the longest horizon can be predicted, or the longest that the log allows."""
-    run = np.zeros(len(log.x), int)
-    for k in range(len(log.usable) - 1, -1, -1):
-        run[k] = run[k + 1] + 1 if log.usable[k] else 0
+    rows = np.arange(len(log.x))
+    end = np.append(np.where(log.usable, len(rows), rows[:-1]), len(rows) - 1)  # of the usable rows that begin here
+    run = np.minimum.accumulate(end[::-1])[::-1] - rows
     rows = np.flatnonzero(run >= min(max(horizons), run.max()))
     if len(rows) > SETTLE * max(horizons):
         rows = rows[rows >= max(horizons)]  # as in pieces.cut()

@@ -76,6 +76,7 @@ class Pieces:
         self.inside = np.arange(self.L) < self.lengths[:, None]  # (S, L)
         self.rows = np.minimum(self.starts[:, None] + np.arange(self.L), len(log.x) - 1)
         self.weight = 1.0
+        self.features = None  # values of features.functions() are kept here
         self.begin_at(log.x[self.starts])
         self._turns()
         self.noise = Noise(1.0, 1.0)
@@ -175,6 +176,7 @@ class Pieces:
         if not chosen.any():
             return None
         part = copy(self)
+        part.features = None
         for name in ("starts", "lengths", "inside", "rows"):
             setattr(part, name, getattr(self, name)[chosen])
         part.begin_at(self.start_pose[chosen])

@@ -2,7 +2,7 @@
 
 import math
 
-from .. import results
+from .. import results, sim
 from .noise import LIGHT
 
 SURE = 0.9  # a confidence below is said beside the verdict
@@ -11,6 +11,7 @@ HIDDEN = 0.1  # standard deviations per row, below which a drive separates nothi
 MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
 MOST_SPANS = 2  # times of an effect that are told one by one
 MOST_RIVALS = 3
+MOST_PLACES, LARGE = 6, 1e7  # decimals, and end, of the numbers that are written without an exponent
 
 
 # ---- numbers -------------------------------------------------------------------------------------
@@ -41,7 +42,13 @@ def plain(value, digits=2):
         return "-"
     value = float(f"{value:.{digits}g}")
     places = digits - 1 - math.floor(math.log10(abs(value))) if value else 0
-    return f"{value:.{max(places, 0)}f}" if places < 7 else f"{value:.{digits}g}"
+    return f"{value:.{max(places, 0)}f}" if places <= MOST_PLACES and abs(value) < LARGE else results.number(value, digits)
+
+
+def hundredths(part):
+    """A share in percent, without the sign."""
+    value = 100 * real(part)
+    return f"{value:.0f}" if abs(value) < LARGE else results.number(value)
 
 
 def percent(part):
@@ -51,22 +58,23 @@ def percent(part):
         return "-"
     if part >= 0.995:
         return "over 99 %"
-    return f"{100 * part:.0f} %" if abs(part) >= 0.005 else "under 1 %"
+    return f"{hundredths(part)} %" if abs(part) >= 0.005 else "under 1 %"
 
 
 def quantity(value, unit, places=None):
     """A number with its unit; share and factor have none. places: decimals, else three digits."""
-    number = plain(real(value), 3) if places is None else f"{real(value):.{places}f}"
+    number = plain(real(value), 3) if places is None or abs(real(value)) >= LARGE else f"{real(value):.{places}f}"
     return number + ("" if unit == "1" else f" {unit}")
 
 
 def _places(value, low, high):
-    """Decimals that show two digits of an interval's width, but no more than five of the value."""
+    """Decimals that show two digits of an interval's width, but no more than five of the value; none where they are too many."""
     width = high - low
     if not width > 0:
         return None
     size = max(abs(value), abs(low), abs(high))
-    return max(0, min(1 - math.floor(math.log10(width)), 4 - math.floor(math.log10(size))))
+    places = max(0, min(1 - math.floor(math.log10(width)), 4 - math.floor(math.log10(size))))
+    return places if places <= MOST_PLACES else None
 
 
 def _limits_of(effect, name):
@@ -473,6 +481,17 @@ def measured_on(report):
         rows_of(report),
         f"{report['gap']['windows']} predictions were compared, each from a measured pose, by models fitted without it.",
         f"The nominal robot moves by this rule: {report['integrator']}. It is chosen before any effect, without a parameter.",
+    ] + searched(report)
+
+
+def searched(report):
+    """Of a long log, what the search has seen."""
+    rows = report["log"].get("searched_rows")
+    if rows is None:
+        return []
+    return [
+        f"The log is long: the search of effects looked at {rows:,} of its rows, in pieces evenly spread over it, and followed the "
+        f"actuators from {seconds(sim.WARM_UP)} before each."
     ]
 
 
@@ -606,7 +625,7 @@ def contribution_caption(report):
 
 
 def say(text="", style=None):
-    results.console.print(text, markup=False, highlight=False, style=style)
+    results.console.print(text, highlight=False, style=style)
 
 
 def effect_rows(report):
@@ -627,7 +646,7 @@ def gap_rows(gap, report, size=length):
     for key, before in gap["before"].items():
         low, high = gap["ci95"][key] if "ci95" in gap else (None, None)
         closed = real(gap["closed_fraction"][key]) if "closed_fraction" in gap else math.nan
-        spread = f"{100 * real(low):.0f} to {100 * real(high):.0f} %" if math.isfinite(real(low) + real(high)) else "-"
+        spread = f"{hundredths(low)} to {hundredths(high)} %" if math.isfinite(real(low) + real(high)) else "-"
         spread = percent(low) if real(low) >= 0.995 else spread
         rows.append(
             (

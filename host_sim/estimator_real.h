@@ -88,14 +88,14 @@ static void SIM(textbook_diagonal)(const KOOP(rls) *rls, REAL *diagonal) {
 }
 
 static const KOOP(form) SIM(form_textbook) = {
-    "textbook",
-    SIM(textbook_reals),
-    SIM(textbook_reset),
-    SIM(textbook_gain),
-    SIM(textbook_information),
-    SIM(textbook_apply),
-    SIM(textbook_element),
-    SIM(textbook_diagonal),
+    .name = "textbook",
+    .reals = SIM(textbook_reals),
+    .reset = SIM(textbook_reset),
+    .gain = SIM(textbook_gain),
+    .information = SIM(textbook_information),
+    .apply = SIM(textbook_apply),
+    .element = SIM(textbook_element),
+    .diagonal = SIM(textbook_diagonal),
 };
 
 /* ---- One estimator --------------------------------------------------------- */

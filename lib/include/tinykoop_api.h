@@ -104,7 +104,8 @@ typedef struct KOOP(form) {
 	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
 	/* the diagonal of P, KOOP_PAD(d) reals; may be rls->work */
 	void (*diagonal)(const struct KOOP(rls) *rls, KOOP_REAL *diagonal);
-	/* for a stored model: how many lower triangles of d x d say all of P, and their elements, j <= i */
+	/* for a stored model: how many lower triangles of d x d say all of P, and their elements, j <= i; null
+	 * where P is not to be stored */
 	size_t (*triangles)(const struct KOOP(rls) *rls);
 	KOOP_REAL (*get)(const struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j);
 	void (*set)(struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j, KOOP_REAL value);
@@ -312,7 +313,7 @@ int KOOP(threshold)(KOOP_REAL *scores, size_t count, KOOP_REAL eta, KOOP_REAL *d
 int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size);
 
 /* The same with P, to go on as if there had been no stop (paper, footnote on EDMD: an offline fit gives both).
- * The size is KOOPF_MODEL_BYTES_P or KOOPD_MODEL_BYTES_P. */
+ * The size is KOOPF_MODEL_BYTES_P or KOOPD_MODEL_BYTES_P. KOOP_E_MODEL for a form that stores none. */
 int KOOP(model_save_covariance)(const KOOP(rls) *rls, void *bytes, size_t size);
 
 /* Sets Theta, and P where the model carries it, of an initialised estimator. A model of another precision,

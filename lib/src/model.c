@@ -69,6 +69,11 @@ static COLD uint32_t model_checksum(const unsigned char *model, size_t size) {
 	return crc32(crc32(0, model, 20), model + KOOP_MODEL_HEADER_BYTES, size - KOOP_MODEL_HEADER_BYTES);
 }
 
+/* Triangles of P that the form stores; 0 where it cannot. */
+static COLD size_t triangles_of(const KOOP(rls) *rls) {
+	return rls->config.form->triangles ? rls->config.form->triangles(rls) : 0;
+}
+
 /* ---- Save ---------------------------------------------------------------------------- */
 
 static COLD int save(const KOOP(rls) *rls, size_t triangles, void *bytes, size_t size) {
@@ -96,7 +101,8 @@ COLD int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size) {
 
 COLD int KOOP(model_save_covariance)(const KOOP(rls) *rls, void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
-	return save(rls, rls->config.form->triangles(rls), bytes, size);
+	const size_t triangles = triangles_of(rls);
+	return triangles > 0 ? save(rls, triangles, bytes, size) : KOOP_E_MODEL;
 }
 
 /* ---- Load ---------------------------------------------------------------------------- */
@@ -183,7 +189,7 @@ static COLD void load_covariance(KOOP(rls) *rls, size_t triangles, const unsigne
 /* Which byte order and how many triangles it has, or KOOP_E_MODEL. */
 static COLD int model_check(const KOOP(rls) *rls, const unsigned char *model, size_t size, size_t *triangles,
                             int *turned) {
-	const size_t own = rls->config.form->triangles(rls), reals = rls->n_lifted * rls->n_regressors;
+	const size_t own = triangles_of(rls), reals = rls->n_lifted * rls->n_regressors;
 	const unsigned char *at = model + KOOP_MODEL_HEADER_BYTES;
 	*turned = 0;
 	*triangles = size == model_bytes(rls, own) ? own : 0;

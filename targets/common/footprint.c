@@ -7,6 +7,7 @@
 #include "robot.h"
 #include "stack.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -122,6 +123,16 @@ static void measure_updates(const koopf_dictionary *dictionary) {
 	report(&lifts, dictionary->n_lifted, "lift", "-");
 }
 
+#define LOST 0.1 /* m off the path at the end: the counts would be those of a robot that has lost it */
+
+static void must_keep_path(const double pose[STATES], const float reference[STATES]) {
+	const double distance = hypot(pose[0] - (double)reference[0], pose[1] - (double)reference[1]);
+	if (distance > LOST) {
+		printf("the closed loop ends %g m off its path\n", distance);
+		exit(1);
+	}
+}
+
 /* Warm: the closed loop, each solve starts from the last plan. Cold: none does.
  * Condense: none does, and any plan will do, so that what is left is condensing and
  * one look at the plan. */
@@ -151,6 +162,7 @@ static void measure_solves(const koopf_dictionary *dictionary, int kind) {
 		must(koopf_rls_update(&a.rls, psi, u, psi_next, NULL));
 		memcpy(psi, psi_next, sizeof psi);
 	}
+	must_keep_path(pose, path + (SOLVES - 1) * STATES);
 	report(&solves, dictionary->n_lifted, "mpc", names[kind]);
 }
 

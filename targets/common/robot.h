@@ -11,7 +11,7 @@
 #define STATES 3  /* x = [px (m), py (m), theta (rad)] */
 #define INPUTS 2  /* u = [v (m/s), omega (rad/s)] */
 #define HORIZON 50
-#define LEARN 200 /* steps under open-loop commands, then */
+#define LEARN 500 /* steps under open-loop commands, then */
 #define CONTROL 500
 
 /* A learner and a controller, with the settings of the host's tools. */

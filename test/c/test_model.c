@@ -343,6 +343,22 @@ static void test_covariance_of_another_form_is_refused(void) {
 	check_refused(with_covariance, BYTES_P, "without P^-1");
 }
 
+/* A form of one's own that does not say how: Theta alone goes in and out. */
+static void test_form_that_stores_no_covariance(void) {
+	KOOP(form) own = KOOP(form_sqrt);
+	store_covariance(&KOOP(form_sqrt));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(model_save_covariance)(NULL, model, BYTES));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(model_save_covariance)(&from.rls, NULL, BYTES));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(model_save_covariance)(&(KOOP(rls)){.theta = NULL}, model, BYTES));
+	own.triangles = NULL;
+	from.rls.config.form = &own;
+	CHECK_STATUS(KOOP_E_MODEL, KOOP(model_save_covariance)(&from.rls, with_covariance, BYTES_P));
+	to.rls.config.form = &own;
+	check_refused(with_covariance, BYTES_P, "P");
+	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&from.rls, model, BYTES));
+	CHECK_STATUS(KOOP_OK, KOOP(model_load)(&to.rls, model, BYTES));
+}
+
 static void test_covariance_that_is_none_is_refused(void) {
 	static const double bad[] = {0, -1, (double)NAN, (double)INFINITY};
 	for (size_t f = 0; f < FORMS; f++) {
@@ -375,6 +391,7 @@ int main(void) {
 	RUN_TEST(test_format_1_that_is_not_finite_is_refused);
 	RUN_TEST(test_learning_goes_on_with_a_covariance_that_was_stored);
 	RUN_TEST(test_covariance_of_another_form_is_refused);
+	RUN_TEST(test_form_that_stores_no_covariance);
 	RUN_TEST(test_covariance_that_is_none_is_refused);
 	RUN_TEST(test_every_flipped_bit_of_a_covariance_is_refused);
 	RUN_TEST(test_round_trip);

@@ -342,16 +342,16 @@ typedef struct KOOP(mpc_config) {
 	const KOOP_REAL *Q;      /* n x n, symmetric, positive semidefinite */
 	const KOOP_REAL *R;      /* m x m, symmetric, positive definite */
 	const KOOP_REAL *S;      /* m x m, symmetric, positive semidefinite; null: none */
-	const KOOP_REAL *u_min;  /* m */
-	const KOOP_REAL *u_max;  /* m */
-	const KOOP_REAL *u_safe; /* m, inside the box: what is given out when there is no plan */
+	const KOOP_REAL *u_min;  /* m; -INFINITY: no limit; u_min = u_max fixes the input */
+	const KOOP_REAL *u_max;  /* m; INFINITY: no limit */
+	const KOOP_REAL *u_safe; /* m, finite: given out, inside the limits, when there is no plan */
 	KOOP_REAL tolerance;     /* of the KKT residual, in units of the inputs; 0: 1e-9, in float 1e-5 */
 	int method;              /* KOOP_MPC_NEWTON or KOOP_MPC_GRADIENT */
 } KOOP(mpc_config);
 
 typedef struct KOOP(mpc_result) {
 	/* The largest step that a gradient step, scaled by the Hessian's diagonal, would
-	 * still make inside the box: 0 at the optimum; units of the inputs. Where it is
+	 * still make inside the limits: 0 at the optimum; units of the inputs. Where it is
 	 * above the tolerance, round-off or the bound on iterations came first; a last
 	 * correction of what round-off has left is not in it. An input
 	 * can be further from its optimum than this: measured, by a factor of 10 to 100. */
@@ -390,8 +390,11 @@ typedef struct KOOP(mpc) {
 } KOOP(mpc);
 
 /* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals, and with S
- * KOOP_MPC_REALS_RATE more. Q, R and S are read again at every solve and are not to
- * change; weights that are not symmetric and positive (semi)definite are refused. */
+ * KOOP_MPC_REALS_RATE more. Weights that are not symmetric and positive (semi)definite are refused, and so
+ * is a u_safe that is outside the limits.
+ *
+ * u_min, u_max, u_safe, Q, R and S are read again at every solve and may change between two: limits of a
+ * rate (u_min = u_before - 0.1), of a battery, of a failed actuator. */
 int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, KOOP_REAL *storage, size_t reals);
 
 /* Forgets the plan: the next solve starts from u_safe. */
@@ -402,10 +405,14 @@ int KOOP(mpc_reset)(KOOP(mpc) *mpc);
  * u_before (m), the input applied last, is read only with S. Starts from the
  * last plan, shifted. `result` may be null.
  *
- * When there is no plan (a status other than KOOP_OK: a model that is not
+ * Limits are read once, at the start, and hold for u and every input of the plan. Where a pair of them is
+ * crossed (KOOP_E_RANGE) or a limit or u_safe is NaN (KOOP_E_INPUT), the plan is kept, and u is the safe
+ * input of the last solve.
+ *
+ * When there is no plan (any other status but KOOP_OK: a model that is not
  * finite or predicts beyond range, a Hessian that is not positive definite in
- * this precision), u is u_safe and the plan is forgotten. u is never NaN and
- * never outside the box, unless the status is KOOP_E_NULL. */
+ * this precision), u is u_safe, brought inside the limits, and the plan is forgotten. u is never NaN and
+ * never outside the limits, unless the status is KOOP_E_NULL. */
 int KOOP(mpc_solve)(KOOP(mpc) *mpc, const KOOP_REAL *theta, const KOOP_REAL *psi, const KOOP_REAL *reference,
                     const KOOP_REAL *u_before, KOOP_REAL *u, KOOP(mpc_result) *result);
 

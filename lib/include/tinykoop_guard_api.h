@@ -11,7 +11,7 @@ typedef struct KOOP(guard_config) {
 	KOOP_REAL most_gain;    /* (3) */
 
 	KOOP_REAL most_error;    /* one-step error over the offline model's, rms of about 20 steps (4) */
-	KOOP_REAL most_residual; /* KKT residual of the plan over the narrowest range of an input (0.01) */
+	KOOP_REAL most_residual; /* KKT residual of the plan over the narrowest range of an input that has one (0.01) */
 	KOOP_REAL most_tracking; /* tracking error over its own rms of about 100 steps (3) */
 	size_t patience;         /* steps before a model that failed is tried again; doubles up to 16-fold (15) */
 	size_t renewal;          /* steps without trust after which the learner is started again (100) */
@@ -50,17 +50,19 @@ typedef struct KOOP(guard) {
 int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(mpc) *mpc,
                      const KOOP_REAL *offline, KOOP_REAL *storage, size_t reals);
 
-/* rls_update() in its place, with its arguments and status. Judges the models by
- * the sample first. Starts the learner again where P is not positive definite, its
- * range is exceeded, or it has not been trusted for long: P then becomes a hundredth
- * of p0 I, and Theta, unless it is in use, the last good or the offline model. */
+/* rls_update() in its place, or with config.gate gate_update(), with its arguments and status. Judges the
+ * models by the sample, unless the gate refuses that. Starts the learner again where P is not positive
+ * definite, where `patience` samples in a row could not be learned, or where it has not been trusted for
+ * long: P then becomes a hundredth of p0 I, and Theta, unless it is in use, the last good or the offline
+ * model. */
 int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u,
                        const KOOP_REAL *psi_next, KOOP(health) *health);
 
 /* mpc_solve() in its place, with its arguments and status, on the model that is to
  * be trusted; guard.model says which. A plan that is not to be trusted is made
  * again on the next model in the same step: one solve as a rule, two where the
- * online model fails, three at most. */
+ * online model fails, three at most. KOOP_E_MEMORY, and the safe input, where more than one bit of the
+ * guard's models has flipped: start the guard again. */
 int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc, const KOOP_REAL *psi,
                         const KOOP_REAL *reference, const KOOP_REAL *u_before, KOOP_REAL *u,
                         KOOP(mpc_result) *result);

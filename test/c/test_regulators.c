@@ -358,8 +358,54 @@ static void test_sift_does_not_forget_what_is_not_excited(void) {
 	}
 }
 
+/* ---- warnings ---------------------------------------------------------------------------- */
+
+/* 1 / (1 - lambda) samples against d unknowns, for regulators that forget everything by lambda. */
+static void test_memory_shorter_than_the_unknowns_is_told(void) {
+	static const struct {
+		double lambda;
+		int told;
+	} cases[] = {{1, 0}, {0.98, 0}, {0.88, 0}, {0.87, 1}, {0.5, 1}}; /* d = 8: 1 / 8 = 0.125 */
+	for (size_t r = 0; r < REGULATORS; r++) {
+		for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
+			KOOP(health) health;
+			const real zeta[8] = {1}, psi_next[6] = {0};
+			estimator_settings(&e, 6, 2, all_regulators[r], &KOOP(form_sqrt));
+			e.config.lambda = (real)cases[c].lambda;
+			estimator_start(&e);
+			const int forgets = all_regulators[r] != &KOOP(reg_none) && all_regulators[r] != &KOOP(reg_sift);
+			CHECK(e.rls.short_memory == (cases[c].told && forgets), "%s, lambda %g", estimator_name(&e),
+			      cases[c].lambda);
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+			TEST_ASSERT_EQUAL_INT(e.rls.short_memory, health.short_memory);
+		}
+	}
+}
+
+/* Without excitation the trace grows by 1 / lambda per sample, but where the regulator bounds it. */
+static void test_winding_up_is_told(void) {
+	for (size_t f = 0; f < FORMS; f++) {
+		for (size_t r = 0; r < REGULATORS; r++) {
+			KOOP(health) health = {.winding_up = 7};
+			const real zeta[6] = {1}, psi_next[4] = {1};
+			const int winds = all_regulators[r] == &KOOP(reg_ef);
+			estimator_settings(&e, 4, 2, all_regulators[r], all_forms[f]);
+			e.config.lambda = (real)0.95;
+			estimator_start(&e);
+			for (int k = 0; k < 200; k++) {
+				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+				const int told = winds && health.trace > 100 * e.rls.config.tau0;
+				CHECK(health.winding_up == told, "%s, sample %d", estimator_name(&e), k);
+			}
+			TEST_ASSERT_EQUAL_INT(winds, health.winding_up);
+		}
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
+	RUN_TEST(test_memory_shorter_than_the_unknowns_is_told);
+	RUN_TEST(test_winding_up_is_told);
 	RUN_TEST(test_follow_the_paper);
 	RUN_TEST(test_reference_stays_symmetric);
 	RUN_TEST(test_sift_forgets_strongly);

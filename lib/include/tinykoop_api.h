@@ -109,6 +109,8 @@ typedef struct KOOP(form) {
 	size_t (*triangles)(const struct KOOP(rls) *rls);
 	KOOP_REAL (*get)(const struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j);
 	void (*set)(struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j, KOOP_REAL value);
+	/* how many reals at the end of its storage say nothing of P; null: none */
+	size_t (*scratch)(const struct KOOP(rls) *rls);
 } KOOP(form);
 
 /* plain: P as a number times a matrix, symmetric bit for bit by construction.
@@ -168,6 +170,7 @@ typedef struct KOOP(rls) {
 	size_t mirrored;            /* plain form: the row that was made symmetric last */
 	int short_memory;           /* as in the health: a warning, known after rls_init() */
 	koop_checksum sum;          /* of theta, what is kept of P, and the three numbers above */
+	size_t kept;                /* reals that say what was learned, from theta on */
 	size_t mended;              /* flipped bits found and mended */
 } KOOP(rls);
 

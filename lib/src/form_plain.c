@@ -8,9 +8,13 @@ static size_t plain_size(const KOOP(rls) *rls) {
 	return KOOP_SYMMETRIC(rls->n_regressors);
 }
 
+/* Of the check. */
+static COLD size_t plain_scratch(const KOOP(rls) *rls) {
+	return rls->config.check != KOOP_CHECK_DIAGONAL ? KOOP_TRIANGLE(rls->n_regressors) : 0u;
+}
+
 static COLD size_t plain_reals(const KOOP(rls) *rls) {
-	return (rls->config.regulator->needs_information ? 2u : 1u) * plain_size(rls) +
-	       (rls->config.check != KOOP_CHECK_DIAGONAL ? KOOP_TRIANGLE(rls->n_regressors) : 0u);
+	return (rls->config.regulator->needs_information ? 2u : 1u) * plain_size(rls) + plain_scratch(rls);
 }
 
 static real *plain_inverse(const KOOP(rls) *rls) {
@@ -207,5 +211,5 @@ static COLD void plain_set(KOOP(rls) *rls, size_t triangle, size_t i, size_t j, 
 
 const KOOP(form) KOOP(form_plain) = {
     "plain",       plain_reals,    plain_reset,     plain_gain, plain_information, plain_apply,
-    plain_element, plain_diagonal, plain_triangles, plain_get,  plain_set,
+    plain_element, plain_diagonal, plain_triangles, plain_get,  plain_set,         plain_scratch,
 };

@@ -174,5 +174,5 @@ static COLD void sqrt_set(KOOP(rls) *rls, size_t triangle, size_t i, size_t j, r
 
 const KOOP(form) KOOP(form_sqrt) = {
     "sqrt",       sqrt_reals,    sqrt_reset,     sqrt_gain, sqrt_information, sqrt_apply,
-    sqrt_element, sqrt_diagonal, sqrt_triangles, sqrt_get,  sqrt_set,
+    sqrt_element, sqrt_diagonal, sqrt_triangles, sqrt_get,  sqrt_set,          NULL,
 };

@@ -181,10 +181,15 @@ static int plan(KOOP(guard) *g, KOOP(mpc) *mpc, int model, KOOP(request) *r) {
 	return 1;
 }
 
+/* Not for a state that is not a number, nor for limits that are crossed. */
+static int blames_model(int status) {
+	return status != KOOP_E_INPUT && status != KOOP_E_RANGE;
+}
+
 /* Plans on the best model that gives a plan to be trusted, and says which. */
 static int plan_on_best(KOOP(guard) *g, KOOP(mpc) *mpc, KOOP(request) *r) {
 	int model = g->wait == 0 ? ONLINE : fallback(g);
-	while (!plan(g, mpc, model, r) && model != OFFLINE && r->status != KOOP_E_INPUT) {
+	while (!plan(g, mpc, model, r) && model != OFFLINE && blames_model(r->status)) {
 		if (model == ONLINE) { distrust(g); }
 		if (model == LAST_GOOD) { g->have_last_good = 0; }
 		model = fallback(g);
@@ -415,7 +420,7 @@ int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc
 	look_back(guard, psi);
 	guard->model = plan_on_best(guard, mpc, &request);
 	guard->have_target = request.status == KOOP_OK;
-	if (request.status != KOOP_E_INPUT) {
+	if (blames_model(request.status)) {
 		keep_book(guard, rls->theta);
 		copy(guard->target, reference, guard->n_states);
 	}

@@ -67,7 +67,7 @@ static koop_checksum sum_learned(const KOOP(rls) *rls) {
 	koop_checksum sum = {0, 0};
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
-	checksum_add(&sum, rls->theta, (size_t)(rls->zeta - rls->theta));
+	checksum_add(&sum, rls->theta, rls->kept);
 	checksum_add(&sum, numbers, KEPT_NUMBERS);
 	return sum;
 }
@@ -82,7 +82,7 @@ static COLD int mend_learned(KOOP(rls) *rls, const koop_checksum *now) {
 	const size_t behind = KEPT_NUMBERS * (sizeof(real) / 4);
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
-	const int mended = checksum_mend(rls->theta, (size_t)(rls->zeta - rls->theta), behind, &rls->sum, now) ||
+	const int mended = checksum_mend(rls->theta, rls->kept, behind, &rls->sum, now) ||
 	                   checksum_mend(numbers, KEPT_NUMBERS, 0, &rls->sum, now);
 	give_numbers(rls, numbers);
 	rls->mended += mended ? 1 : 0;
@@ -118,6 +118,8 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	rls->theta = storage;
 	rls->covariance = rls->theta + KOOP_EVEN(rls->n_regressors) * rls->n_lifted_padded;
 	rls->zeta = rls->covariance + rls->config.form->reals(rls);
+	rls->kept = (size_t)(rls->zeta - rls->theta);
+	if (rls->config.form->scratch) { rls->kept -= rls->config.form->scratch(rls); }
 	rls->gain = rls->zeta + rows;
 	rls->work = rls->gain + rows;
 	rls->error = rls->work + 3 * rows;

@@ -29,7 +29,7 @@ static void flip(void *word, size_t bit) {
 
 /* Reals of what is learned: Theta and what is kept of P, which begin the storage. */
 static size_t learned_reals(void) {
-	return (size_t)(e.rls.zeta - e.rls.theta);
+	return e.rls.kept;
 }
 
 static void test_every_single_bit_is_mended(void) {
@@ -144,6 +144,27 @@ static void test_learning_is_the_same_with_a_checksum(void) {
 	}
 }
 
+/* What a refused sample leaves behind as scratch is no part of what was learned. */
+static void test_refused_samples_leave_the_sum_alone(void) {
+	const real huge[D] = {1, 1, 1, 1, 1, REAL_MAX / 4}, psi_next[N] = {0};
+	for (size_t f = 0; f < FORMS; f++) {
+		for (size_t r = 0; r < REGULATORS; r++) {
+			start(all_regulators[r], all_forms[f], 1);
+			TEST_ASSERT_TRUE(estimator_update(&e, huge, psi_next, NULL) < KOOP_OK);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
+			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+		}
+	}
+	/* P so small that the next sample costs it its definiteness */
+	start(&KOOP(reg_none), &KOOP(form_plain), 1);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, 1));
+	const real line[D] = {(real)1e6, 1}, zeros[N] = {0};
+	int refused = 0;
+	for (int k = 0; k < 50; k++) { refused += estimator_update(&e, line, zeros, NULL) == KOOP_E_INDEFINITE; }
+	TEST_ASSERT_TRUE(refused > 0 || TEST_DOUBLE);
+	CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
+}
+
 static void test_a_setting_that_is_none_is_refused(void) {
 	estimator_settings(&e, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
 	e.config.checksum = 2;
@@ -201,6 +222,7 @@ int main(void) {
 	RUN_TEST(test_update_refuses_a_memory_that_it_cannot_mend);
 	RUN_TEST(test_sum_is_renewed_by_every_change);
 	RUN_TEST(test_learning_is_the_same_with_a_checksum);
+	RUN_TEST(test_refused_samples_leave_the_sum_alone);
 	RUN_TEST(test_a_setting_that_is_none_is_refused);
 	RUN_TEST(test_plain_form_does_not_stay_asymmetric);
 	return UNITY_END();

@@ -595,7 +595,7 @@ static void test_one_huge_sample_costs_nothing(void) {
 	static real kept[sizeof l.rls_storage / sizeof(real)];
 	begin_usual();
 	TEST_ASSERT_TRUE(drive(200).last_online == 199);
-	const size_t size = (size_t)(l.rls.zeta - l.rls.theta) * sizeof(real); /* what was learned */
+	const size_t size = l.rls.kept * sizeof(real); /* what was learned */
 	const size_t resets = l.guard.resets;
 	memcpy(kept, l.rls.theta, size);
 	CHECK_STATUS(KOOP_E_OVERFLOW, update_with(REAL_MAX * (real)0.9, NULL));
@@ -646,7 +646,7 @@ static void begin_gated(void) {
 static void test_guard_learns_through_a_gate(void) {
 	static real kept[sizeof l.rls_storage / sizeof(real)];
 	begin_gated();
-	const size_t size = (size_t)(l.rls.zeta - l.rls.theta) * sizeof(real);
+	const size_t size = l.rls.kept * sizeof(real);
 	real error[3];
 	memcpy(kept, l.rls.theta, size);
 	memcpy(error, l.guard.error, sizeof error);

@@ -87,7 +87,7 @@ static int all_finite(const real *x, size_t count) {
 }
 
 static void expect_known(int status) {
-	EXPECT(status <= KOOP_OK && status >= KOOP_E_OUTLIER, "status %d", status);
+	EXPECT(status <= KOOP_OK && status >= KOOP_E_ARITHMETIC, "status %d", status);
 }
 
 /* A status, and KOOP_E_NULL where one of these pointers is null. */
@@ -238,7 +238,9 @@ static KOOP(config) take_config(world *w) {
 	c.dictionary = take_dictionary(w);
 	c.n_inputs = w->arbitrary ? take_size(&w->in) : 1 + take_below(&w->in, 3);
 	c.regulator = take_regulator(w);
-	const size_t form = take_below(&w->in, w->arbitrary ? 3 : 2);
+	const uint8_t kind = take_byte(&w->in);
+	const unsigned form = kind % (w->arbitrary ? 3u : 2u);
+	c.checksum = kind >= 128;
 	c.form = form == 0 ? &KOOP(form_plain) : form == 1 ? &KOOP(form_sqrt) : NULL;
 	c.lambda = TAKE_FROM(0.98, 1, 0.95, 0.5, 1e-3, (double)REAL_MIN);
 	c.p0 = TAKE_FROM(1e3, 1, 1e6, 1e-6, (double)REAL_MIN, (double)REAL_MAX / 9000);
@@ -396,6 +398,40 @@ static void call_model(world *w) {
 	learned_expect(&now, rls, "refused model_load()");
 }
 
+/* With P: what comes back is the same, bit for bit. */
+static void call_model_covariance(world *w) {
+	KOOP(rls) *rls = &w->rls;
+	if (!rls->theta) { return; }
+	const size_t triangles = rls->config.form->triangles(rls);
+	const size_t size = KOOP_MODEL_HEADER_BYTES + sizeof(real) * (rls->n_lifted * rls->n_regressors +
+	                                                              triangles * KOOP_MODEL_TRIANGLE(rls->n_regressors));
+	unsigned char *bytes = allocate(size), *again = allocate(size);
+	EXPECT(KOOP(model_save_covariance)(rls, bytes, size - 1) == KOOP_E_STORAGE, "a byte less is enough");
+	EXPECT(KOOP(model_save_covariance)(rls, bytes, size) == KOOP_OK, "not saved");
+	const learned before = learned_take(rls);
+	const int status = KOOP(model_load)(rls, bytes, size);
+	if (status != KOOP_OK) { /* P has left the range: as a product of its scale, say */
+		EXPECT(status == KOOP_E_MODEL, "status %d", status);
+		learned_expect(&before, rls, "refused model_load()");
+		return;
+	}
+	EXPECT(KOOP(model_save_covariance)(rls, again, size) == KOOP_OK, "not saved again");
+	EXPECT(memcmp(bytes, again, size) == 0, "other bytes");
+}
+
+/* A bit flips: it is mended. */
+static void call_flip(world *w) {
+	KOOP(rls) *rls = &w->rls;
+	if (!rls->theta || !rls->config.checksum) { return; }
+	const size_t bytes = rls->kept * sizeof(real);
+	const learned before = learned_take(rls);
+	const size_t at = (take_byte(&w->in) * 256u + take_byte(&w->in)) % bytes;
+	((unsigned char *)rls->theta)[at] ^= (unsigned char)(1u << take_below(&w->in, 8));
+	EXPECT(KOOP(rls_check)(rls) == KOOP_OK, "one bit");
+	rls->mended--;
+	learned_expect(&before, rls, "a flipped bit");
+}
+
 /* ---- Threshold and low-pass ------------------------------------------------------------------------ */
 
 static void call_threshold(world *w) {
@@ -523,19 +559,32 @@ static void call_mpc_init(world *w) {
 	}
 }
 
-/* What every plan promises, whatever it was made of. */
+/* Whether limits leave a number to every input, and the safe one is a number. */
+static int limits_are_sound(const KOOP(mpc_config) *c) {
+	int sound = all_finite(c->u_safe, c->n_inputs);
+	for (size_t j = 0; j < c->n_inputs; j++) {
+		sound &= c->u_min[j] <= c->u_max[j] && c->u_min[j] <= REAL_MAX && c->u_max[j] >= -REAL_MAX;
+	}
+	return sound;
+}
+
+/* What every plan promises, whatever it was made of: it is inside the limits of now, or of the last solve where
+ * there are none now. */
 static void check_input(const KOOP(mpc) *mpc, int status, const real *u, const KOOP(mpc_result) *result) {
 	const KOOP(mpc_config) *c = &mpc->config;
+	const int sound = limits_are_sound(c);
+	const real *low = sound ? c->u_min : mpc->u_min, *high = sound ? c->u_max : mpc->u_max;
+	EXPECT(sound || status == KOOP_E_INPUT || status == KOOP_E_RANGE, "status %d", status);
 	for (size_t j = 0; j < c->n_inputs; j++) {
-		EXPECT(u[j] >= c->u_min[j] && u[j] <= c->u_max[j], "u[%zu] = %g, status %d", j, (double)u[j], status);
-		if (status != KOOP_OK) { EXPECT(same_bits(u + j, c->u_safe + j, 1), "status %d", status); }
+		EXPECT(u[j] >= low[j] && u[j] <= high[j], "u[%zu] = %g, status %d", j, (double)u[j], status);
+		if (status != KOOP_OK) { EXPECT(same_bits(u + j, mpc->u_safe + j, 1), "status %d", status); }
 	}
 	real *plan = allocate(c->horizon * c->n_inputs * sizeof *plan);
 	EXPECT(KOOP(mpc_plan)(mpc, plan) == KOOP_OK, "no plan");
 	for (size_t q = 0; q < c->horizon * c->n_inputs; q++) {
 		const size_t j = q % c->n_inputs;
-		EXPECT(plan[q] >= c->u_min[j] && plan[q] <= c->u_max[j], "plan[%zu] = %g", q, (double)plan[q]);
-		if (q < c->n_inputs) {
+		EXPECT(plan[q] >= low[j] && plan[q] <= high[j], "plan[%zu] = %g", q, (double)plan[q]);
+		if (q < c->n_inputs && sound) {
 			EXPECT(plan[q] == u[q], "%g is not the plan's %g", (double)u[q], (double)plan[q]);
 		}
 	}
@@ -567,6 +616,13 @@ static void call_mpc_solve(world *w) {
 	}
 }
 
+/* The limits move: to any values, or to sound ones. */
+static void call_move_limits(world *w) {
+	KOOP(mpc_config) *c = &w->mpc.config;
+	if (!w->mpc.plan) { return; }
+	c->u_safe = take_bounds(w, c->n_inputs, c);
+}
+
 static void call_mpc_read(world *w) {
 	KOOP(mpc) *mpc = &w->mpc;
 	const size_t n = mpc->config.n_states, m = mpc->config.n_inputs, H = mpc->config.horizon;
@@ -585,7 +641,9 @@ static void call_mpc_read(world *w) {
 
 static KOOP(guard_config) take_guard_config(world *w) {
 	KOOP(guard_config) c = {0};
-	if (take_below(&w->in, 2) == 0) { return c; }
+	const uint8_t kind = take_byte(&w->in);
+	c.gate = kind >= 128 && w->gate.usual ? &w->gate : NULL;
+	if (kind % 2 == 0) { return c; }
 	real *const values[] = {&c.least_cosine, &c.least_gain,    &c.most_gain,
 	                        &c.most_error,   &c.most_residual, &c.most_tracking};
 	for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
@@ -668,7 +726,7 @@ static void call_gate_init(world *w) {
 	}
 	size_t needed = 0;
 	(void)KOOP(rls_reals)(&rls->config, &needed);
-	needed += 2 * rls->n_lifted;
+	needed += 3 * rls->n_lifted;
 	const size_t lacking = w->arbitrary && needed > 0 ? take_below(&w->in, 4) / 3 : 0;
 	real *storage = new_reals(&w->in, needed - lacking);
 	const KOOP(gate) before = w->gate;
@@ -698,6 +756,7 @@ static void call_gate_update(world *w) {
 	EXPECT(all_finite(w->gate.saved.theta, rls->n_regressors * rls->n_lifted_padded), "saved model");
 	EXPECT(all_finite(w->gate.usual, N) && all_finite(w->gate.recent, N), "usual innovations");
 	EXPECT(isfinite(w->gate.strain) && isfinite(w->gate.saved_strain), "strain");
+	EXPECT(KOOP(gate_trust)(&w->gate) >= KOOP_TRUSTED && KOOP(gate_trust)(&w->gate) <= KOOP_REFUSE, "trust");
 }
 
 /* ---- The rest
@@ -726,7 +785,7 @@ void call(world *w) {
 	    call_refused,   call_set_theta,        call_copy_theta,    call_get,          call_model,
 	    call_threshold, call_reset_covariance, call_lowpass_step,  call_lowpass_init, call_mpc_read,
 	    call_init,      call_status_message,   call_lift,          call_mpc_init,     call_guard_init,
-	    call_gate_init, call_gate_update,
+	    call_gate_init, call_gate_update,      call_move_limits,   call_flip,         call_model_covariance,
 	};
 	/* what is called in every cycle of a robot more often than the rest, and now and then again with the same
 	 * data */

@@ -52,7 +52,7 @@ ABOUT = """\
  * Use: compile {name}.c, as C99 or as C++11, and include {name}.h. It needs sqrt and fabs
  * of libm, and memcpy, memset, memcmp and strlen, nothing else. With -ffunction-sections
  * -fdata-sections and the linker's --gc-sections only what you call takes flash.
- * Not with -ffast-math or -ffinite-math-only: NaN would no longer be seen.
+ * Any flags will do: {name}.c asks for strict arithmetic itself. Call koopf_self_test() once at boot.
  *
  * Options, for the whole build:
  *     KOOP_NO_DOUBLE         leaves out float64 (koopd_): what a microcontroller wants

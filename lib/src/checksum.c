@@ -25,6 +25,13 @@ static inline int checksum_same(const koop_checksum *a, const koop_checksum *b) 
 	return a->words == b->words && a->places == b->places;
 }
 
+/* Whether no more than a bit of the sums themselves has flipped: one of the words would have changed both. */
+static COLD int checksum_has_flipped(const koop_checksum *before, const koop_checksum *now) {
+	const uint64_t words = before->words ^ now->words, places = before->places ^ now->places;
+	const uint64_t bit = words | places;
+	return (words == 0 || places == 0) && (bit & (bit - 1)) == 0;
+}
+
 /* Undoes the one flipped bit that makes the sum `now` where it was `before`; returns 0 where no single one
  * does. `behind` more words were summed after these reals. */
 static COLD int checksum_mend(real *data, size_t reals, size_t behind, const koop_checksum *before,

@@ -52,7 +52,8 @@ static void gate_verify(KOOP(gate) *gate) {
 	const size_t reals = 3 * gate->saved.n_lifted;
 	if (!gate->saved.config.checksum) { return; }
 	const koop_checksum now = gate_sum(gate);
-	if (checksum_same(&now, &gate->sum) || checksum_mend(gate->usual, reals, 0, &gate->sum, &now)) { return; }
+	if (checksum_same(&now, &gate->sum) || checksum_has_flipped(&gate->sum, &now)) { return; }
+	if (checksum_mend(gate->usual, reals, 0, &gate->sum, &now)) { return; }
 	for (size_t i = 0; i < reals; i++) { gate->usual[i] = 0; }
 	gate->known = 0;
 	gate->changed = 0;

@@ -206,9 +206,10 @@ static void seal_models(KOOP(guard) *g) {
 }
 
 /* Whether they are as they were left, or are again. */
-static int models_are_sound(const KOOP(guard) *g) {
+static int models_are_sound(KOOP(guard) *g) {
 	koop_checksum now = {0, 0};
 	checksum_add(&now, g->offline, models_reals(g));
+	if (checksum_has_flipped(&g->sum, &now)) { g->sum = now; }
 	return checksum_same(&now, &g->sum) || checksum_mend(g->offline, models_reals(g), 0, &g->sum, &now);
 }
 

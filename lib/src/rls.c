@@ -82,9 +82,11 @@ static COLD int mend_learned(KOOP(rls) *rls, const koop_checksum *now) {
 	const size_t behind = KEPT_NUMBERS * (sizeof(real) / 4);
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
-	const int mended = checksum_mend(rls->theta, (size_t)(rls->zeta - rls->theta), behind, &rls->sum, now) ||
+	const int mended = checksum_has_flipped(&rls->sum, now) ||
+	                   checksum_mend(rls->theta, (size_t)(rls->zeta - rls->theta), behind, &rls->sum, now) ||
 	                   checksum_mend(numbers, KEPT_NUMBERS, 0, &rls->sum, now);
 	give_numbers(rls, numbers);
+	if (mended) { seal(rls); }
 	rls->mended += mended ? 1 : 0;
 	return mended ? KOOP_OK : KOOP_E_MEMORY;
 }

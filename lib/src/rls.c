@@ -235,7 +235,10 @@ static GLUE int learn(KOOP(rls) *rls, KOOP(health) *health) {
 	if (!theta_stays_finite(rls, &step, health->innovation, &bound)) { return KOOP_E_OVERFLOW; }
 	if (step.update_covariance) {
 		status = rls->config.form->apply(rls, &step, denominator);
-		if (status != KOOP_OK) { return status; }
+		if (status != KOOP_OK) {
+			seal(rls); /* the check has been at work behind P */
+			return status;
+		}
 	}
 
 	/* nothing can fail from here on */

@@ -41,7 +41,7 @@ typedef struct {
 	unsigned char *at;
 	size_t words;
 	unsigned long trials, detected, harmless, silent, for_ever, unsafe;
-	size_t word, bit, time; /* the first trial that was silent, refused for ever or unsafe */
+	size_t word, bit, time; /* of the first trial that was silent, refused for ever or unsafe */
 } area;
 
 typedef struct {
@@ -64,12 +64,13 @@ static void add_fields(list *l, const char *what, void *of, size_t from, size_t 
 	add_bytes(l, what, (unsigned char *)of + from, to - from);
 }
 
-static void list_learner(list *l, KOOP(rls) *rls, const real *end, const char *const names[5]) {
+static void list_learner(list *l, KOOP(rls) *rls, const real *end, const char *const names[6]) {
 	add(l, names[0], rls->theta, rls->covariance);
 	add(l, names[1], rls->covariance, rls->zeta);
 	add(l, names[2], rls->zeta, end);
 	add_fields(l, names[3], rls, offsetof(KOOP(rls), covariance_scale), offsetof(KOOP(rls), positive_definite));
 	add_fields(l, names[4], rls, offsetof(KOOP(rls), sum), offsetof(KOOP(rls), mended));
+	add_fields(l, names[5], rls, offsetof(KOOP(rls), positive_definite), offsetof(KOOP(rls), short_memory));
 }
 
 static void list_control(list *l, world *w) {
@@ -79,24 +80,29 @@ static void list_control(list *l, world *w) {
 	add(l, "guard's models", guard->offline, guard->now);
 	add(l, "guard's scratch", guard->now, guard->size);
 	add(l, "guard's size, target", guard->size, guard->target + TRACKED);
+	add_fields(l, "guard's checksum", guard, offsetof(KOOP(guard), sum), sizeof *guard);
+	add_fields(l, "guard's state", guard, offsetof(KOOP(guard), error), offsetof(KOOP(guard), sum));
 	add(l, "controller's model", mpc->markov, mpc->plan);
 	add(l, "controller's plan", mpc->plan, mpc->gradient);
 	add(l, "controller's vectors", mpc->gradient, (real *)(void *)mpc->set);
 	add(l, "controller's set", (real *)(void *)mpc->set, mpc->u_before);
 	add(l, "controller's limits, roots", mpc->u_before, mpc->work);
 	add(l, "controller's scratch, factor", mpc->work, end);
+	add_fields(l, "controller's state", mpc, offsetof(KOOP(mpc), steepest), sizeof *mpc);
 }
 
 static void list_all(list *l, world *w) {
-	static const char *const own[] = {"Theta", "P", "scratch", "scale, bounds", "checksum"};
+	static const char *const own[] = {"Theta", "P", "scratch", "scale, bounds", "checksum", "flags"};
 	static const char *const saved[] = {"gate's Theta", "gate's P", "gate's scratch", "gate's scale, bounds",
-	                                    "gate's checksum"};
+	                                    "gate's checksum of it", "gate's flags of it"};
 	const real *end = w->storage + sizeof w->storage / sizeof *w->storage;
 	memset(l, 0, sizeof *l);
 	list_learner(l, &w->rls, end, own);
 	if (w->use != ALONE && w->use != CHECKSUM) {
 		list_learner(l, &w->gate.saved, w->gate.usual, saved);
 		add(l, "gate's statistics", w->gate.usual, w->gate.before + w->rls.n_lifted);
+		add_fields(l, "gate's checksum", &w->gate, offsetof(KOOP(gate), sum), sizeof w->gate);
+		add_fields(l, "gate's state", &w->gate, offsetof(KOOP(gate), early), offsetof(KOOP(gate), sum));
 	}
 	if (w->closed) { list_control(l, w); }
 }

@@ -49,9 +49,10 @@ def trials_of_part(trials, kinds=KINDS):
 
 
 def rows_of(kind, trials, seed):
-    """The rows of one kind, of so many trials each."""
+    """The rows of one kind, of so many trials each; bits and robots are others for each kind."""
     precision, *names = kind
-    printed = run_command(BUILD / "test" / f"flips_{precision}", *names, trials, seed, timeout=TIMEOUT)
+    own = seed * len(KINDS) + KINDS.index(kind)
+    printed = run_command(BUILD / "test" / f"flips_{precision}", *names, trials, own, timeout=TIMEOUT)
     return [json.loads(line) for line in printed.splitlines()]
 
 
@@ -124,8 +125,8 @@ def run(out, trials, seed, kinds=KINDS):
     """Writes flips.json into `out`; returns the rows. Refuses where what must hold does not."""
     if not trials >= 1:
         raise UserError(f"--trials {trials:g}: at least 1 is needed")
-    if not 0 <= seed < 2**64:
-        raise UserError(f"--seed {seed}: from 0 to 2^64 - 1")
+    if not 0 <= seed < 2**32:
+        raise UserError(f"--seed {seed}: from 0 to 2^32 - 1")
     out = output_folder(out)
     build()
     each = trials_of_part(trials, kinds)

@@ -3,16 +3,18 @@
  * times its distance from the end. A flipped bit changes the first by plus or minus its own value, and the
  * second by that times the distance. */
 
-static inline uint32_t word_at(const real *data, size_t i) {
+/* Of so many reals. */
+#define WORDS(reals) ((reals) * (sizeof(real) / 4))
+
+static inline uint32_t word_at(const void *data, size_t i) {
 	uint32_t word;
 	(void)memcpy(&word, (const unsigned char *)data + 4 * i, sizeof word);
 	return word;
 }
 
 /* The sums go on over more words. */
-static inline void checksum_add(koop_checksum *sum, const real *data, size_t reals) {
+static inline void checksum_add(koop_checksum *sum, const void *data, size_t count) {
 	uint64_t words = sum->words, places = sum->places;
-	const size_t count = reals * (sizeof(real) / 4);
 	for (size_t i = 0; i < count; i++) {
 		words += word_at(data, i);
 		places += words;
@@ -33,10 +35,10 @@ static COLD int checksum_has_flipped(const koop_checksum *before, const koop_che
 }
 
 /* Undoes the one flipped bit that makes the sum `now` where it was `before`; returns 0 where no single one
- * does. `behind` more words were summed after these reals. */
-static COLD int checksum_mend(real *data, size_t reals, size_t behind, const koop_checksum *before,
+ * does. `behind` more words were summed after these. */
+static COLD int checksum_mend(void *data, size_t words, size_t behind, const koop_checksum *before,
                               const koop_checksum *now) {
-	const size_t count = reals * (sizeof(real) / 4) + behind;
+	const size_t count = words + behind;
 	const int is_set = now->words - before->words <= UINT32_MAX; /* the bit: it was not */
 	const koop_checksum *more = is_set ? now : before, *less = is_set ? before : now;
 	uint64_t bit = more->words - less->words, distance = more->places - less->places;

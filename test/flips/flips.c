@@ -13,8 +13,9 @@
  *               closed loop the cost of these samples, too, is at most AS_GOOD times the twin's, and no input
  *               was unsafe. Errors inside the dead zone count for none, as nothing is to be learned there.
  *     silent    neither
- * Beside that: for_ever, where sample LASTING after the flip was refused and so were as many after it, but
- * not the twin's; unsafe, where an input was not finite or outside its limits, whatever was reported. */
+ * Beside that: for_ever, where LASTING samples after the flip the sample or the plan was refused, gate_trust()
+ * said so, or the online model was not planned on, and so it went on for as many more, but not with the twin;
+ * unsafe, where an input was not finite or outside its limits, whatever was reported. */
 #include "world.h"
 
 #include <stddef.h>
@@ -78,8 +79,8 @@ static void list_control(list *l, world *w) {
 	KOOP(mpc) *mpc = &w->mpc;
 	real *end = w->mpc_storage + sizeof w->mpc_storage / sizeof *w->mpc_storage;
 	add(l, "guard's models", guard->offline, guard->now);
-	add(l, "guard's scratch", guard->now, guard->size);
-	add(l, "guard's size, target", guard->size, guard->target + TRACKED);
+	add(l, "guard's scratch", guard->now, guard->target);
+	add(l, "guard's target", guard->target, guard->target + TRACKED);
 	add_fields(l, "guard's checksum", guard, offsetof(KOOP(guard), sum), sizeof *guard);
 	add_fields(l, "guard's state", guard, offsetof(KOOP(guard), error), offsetof(KOOP(guard), sum));
 	add(l, "controller's model", mpc->markov, mpc->plan);
@@ -150,12 +151,13 @@ static int is_harmless(const world *w, const course *c, const course *twin) {
 	return c->error <= most && c->cost <= AS_GOOD * twin->cost && !c->unsafe;
 }
 
-/* Which of learner and controller refuse, as bits. */
+/* Which of learner, controller, gate and guard refuse, as bits. */
 static int refusals(const report *r) {
-	return (r->learned != KOOP_OK) + 2 * (r->controlled != KOOP_OK);
+	return (r->learned != KOOP_OK) + 2 * (r->controlled != KOOP_OK) + 4 * (r->trust >= KOOP_REFUSE) +
+	       8 * (r->model != KOOP_GUARD_ONLINE);
 }
 
-/* Which of the two refuse for ever from LASTING samples on, or show an unsafe input before. */
+/* Which of them refuse for ever from LASTING samples on; or whether an input is unsafe before. */
 static int lasting_refusals(world *w, int *unsafe) {
 	int refused = 0;
 	for (size_t k = 0; k < LASTING; k++) {

@@ -114,12 +114,13 @@ static int gate_one(double off) {
 static void start_gate(void) {
 	start(&KOOP(reg_ef), &KOOP(form_sqrt));
 	memset(&g, 0, sizeof g);
-	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&g.gate, NULL, &e.rls, g.storage, sizeof g.storage / sizeof *g.storage));
+	const size_t reals = sizeof g.storage / sizeof *g.storage;
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&g.gate, NULL, &e.rls, g.storage, reals));
 	for (int k = 0; k < 100 * D; k++) { (void)gate_one(0); }
 }
 
-/* Each flipped bit leaves no trace at the next sample, which is an outlier, and would not be one to a gate that
- * does not know what is usual. */
+/* Each flipped bit leaves no trace at the next sample, which is an outlier, and would not be one to a gate
+ * that does not know what is usual. */
 static void check_gate_mends(void *at, size_t bytes) {
 	static gated before, expected;
 	static estimator learner;

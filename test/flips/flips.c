@@ -13,9 +13,9 @@
  *               closed loop the cost of these samples, too, is at most AS_GOOD times the twin's, and no input
  *               was unsafe. Errors inside the dead zone count for none, as nothing is to be learned there.
  *     silent    neither
- * Beside that: for_ever, where LASTING samples after the flip the sample or the plan was refused, gate_trust()
- * said so, or the online model was not planned on, and so it went on for as many more, but not with the twin;
- * unsafe, where an input was not finite or outside its limits, whatever was reported. */
+ * Beside that: for_ever, where LASTING samples after the flip the sample or the plan was refused,
+ * gate_trust() said so, or the online model was not planned on, and so it went on for as many more, but not
+ * with the twin; unsafe, where an input was not finite or outside its limits, whatever was reported. */
 #include "world.h"
 
 #include <stddef.h>

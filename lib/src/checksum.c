@@ -12,13 +12,21 @@ static inline uint32_t word_at(const void *data, size_t i) {
 	return word;
 }
 
-/* The sums go on over more words. */
+#define CHECKSUM_TAKE(i)                                                                                     \
+	words += word_at(data, i);                                                                               \
+	places += words;
+
+/* The sums go on over more words; four at a time, as counting them is a third of the work. */
 static inline void checksum_add(koop_checksum *sum, const void *data, size_t count) {
 	uint64_t words = sum->words, places = sum->places;
-	for (size_t i = 0; i < count; i++) {
-		words += word_at(data, i);
-		places += words;
+	size_t i = 0;
+	for (; i + 4 <= count; i += 4) {
+		CHECKSUM_TAKE(i)
+		CHECKSUM_TAKE(i + 1)
+		CHECKSUM_TAKE(i + 2)
+		CHECKSUM_TAKE(i + 3)
 	}
+	for (; i < count; i++) { CHECKSUM_TAKE(i) }
 	sum->words = words;
 	sum->places = places;
 }

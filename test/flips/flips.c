@@ -3,7 +3,7 @@
  *
  *     flips_koopf USE REGULATOR FORM CHECK TRIALS SEED
  *
- * TRIALS of each part: word after word, any bit of it, at any time of a run.
+ * TRIALS of each part: word after word from any one on, any bit of it, at any time of a run.
  *
  * Each trial is one of:
  *     detected  within WATCHED samples a status, the health, gate_trust(), rls.mended or the guard was worse
@@ -40,7 +40,7 @@ enum { WORD = 4 }; /* bytes */
 typedef struct {
 	const char *what;
 	unsigned char *at;
-	size_t words;
+	size_t words, next; /* the word of the next trial */
 	unsigned long trials, detected, harmless, silent, for_ever, unsafe;
 	size_t word, bit, time; /* of the first trial that was silent, refused for ever or unsafe */
 } area;
@@ -246,13 +246,15 @@ static real calibrated(protection use, const KOOP(config) *config, uint64_t seed
 static void run(world *w, list *l, const KOOP(config) *config, unsigned long trials, uint64_t seed) {
 	random_source random = random_seed(seed);
 	const protection use = w->use;
+	for (size_t a = 0; a < l->count; a++) { l->areas[a].next = random_below(&random, l->areas[a].words); }
 	for (unsigned long t = 0; t < trials; t++) {
 		for (size_t a = 0; a < l->count; a++) {
 			area *now = &l->areas[a];
 			if (w->time >= LONGEST_RUN) { world_start(w, use, config, random_bits(&random)); }
 			const size_t pause = random_below(&random, LONGEST_PAUSE);
 			for (size_t k = 0; k <= pause; k++) { (void)world_step(w); }
-			try_bit(w, now, t % now->words, random_below(&random, 8 * WORD));
+			try_bit(w, now, now->next, random_below(&random, 8 * WORD));
+			now->next = (now->next + 1) % now->words;
 		}
 	}
 }

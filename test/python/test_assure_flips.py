@@ -16,7 +16,7 @@ WHERE = "ef sqrt refuse f32, first word 3, bit 30, after 812 samples"
 
 def test_a_thousandth_may_be_silent_with_gate_and_checksum():
     assert flips.failures([ROW, BARE]) == []
-    assert flips.failures([ROW | {"silent": 2}]) == [f"Theta, learner, gate, checksum: 2 of 1000 flipped bits are silent ({WHERE})"]
+    assert flips.failures([ROW | {"silent": 2}]) == [f"Theta, gate, checksum: 2 of 1000 flipped bits are silent ({WHERE})"]
     assert flips.failures([ROW | {"silent": 2}, ROW | {"silent": 0}]) == [], "of all kinds together"
     assert len(flips.failures([ROW | {"silent": 2}, ROW | {"what": "P", "silent": 0}])) == 1, "but of each part by itself"
 
@@ -62,7 +62,7 @@ def test_a_seed_that_does_not_fit(tmp_path):
 def test_what_does_not_hold_is_refused_and_written_down(tmp_path, monkeypatch):
     monkeypatch.setattr(flips, "build", lambda: None)
     monkeypatch.setattr(flips, "rows_of", lambda kind, trials, seed: [ROW | {"for_ever": 1}, BARE])
-    with pytest.raises(UserError, match="1 promises do not hold: Theta, learner, gate, checksum: 1 of 1000 are refused for ever"):
+    with pytest.raises(UserError, match="1 promises do not hold: Theta, gate, checksum: 1 of 1000 are refused for ever"):
         flips.run(tmp_path, 100, 1, flips.KINDS[:1])
     assert len(json.loads((tmp_path / "flips.json").read_text())) == 2
 

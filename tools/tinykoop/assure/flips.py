@@ -20,14 +20,14 @@ BUILD = ROOT / "build/flips"
 
 PRECISIONS = ("koopf", "koopd")
 USES = {
-    "alone": "learner alone",
-    "checksum": "learner, checksum",
-    "gate": "learner, gate",
-    "gate_checksum": "learner, gate, checksum",
-    "newton": "closed loop, Newton",
-    "gradient": "closed loop, gradient",
+    "alone": "alone",
+    "checksum": "checksum",
+    "gate": "gate",
+    "gate_checksum": "gate, checksum",
+    "newton": "guard, Newton",
+    "gradient": "guard, gradient",
 }
-PROTECTED = ("gate_checksum", "newton", "gradient")  # with gate and checksum; the closed loops with the guard too
+PROTECTED = ("gate_checksum", "newton", "gradient")  # with gate and checksum; the latter two in a closed loop with the guard
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
 FORMS = (("plain", "refuse"), ("plain", "diagonal"), ("sqrt", "refuse"))  # to the square root all checks are the same
 KINDS = tuple((precision, use, regulator, *form) for precision, use, regulator, form in product(PRECISIONS, USES, REGULATORS, FORMS))
@@ -113,11 +113,12 @@ def report(rows):
             lines.append([f"{name}: all", *cells(sum(some.values(), []))])
     print_table(
         f"One flipped bit: {total(rows, 'trials'):,} trials",
-        ["where", "trials", "detected %", "harmless %", "silent %", "for ever", "unsafe"],
+        ["use: where", "trials", "detected %", "harmless %", "silent %", "for ever", "unsafe"],
         lines,
-        "detected: by a status, the health, the gate, the checksum or the guard within 100 samples. harmless: after these the model\n"
-        "predicts, and the loop costs, as a twin's without the flip, within 10 %. for ever: no sample is accepted any more.\n"
-        "unsafe: an input outside its limits.",
+        "detected: by a status, the health, the gate, the checksum or the guard within 100 samples.\n"
+        "harmless: after these, the model predicts and the loop costs within 10 % of a twin without the flip.\n"
+        "for ever: 3,000 samples later, and for 3,000 more, samples or plans are refused, the gate says refuse,\n"
+        "or the guard keeps off the online model. unsafe: an input outside its limits.",
     )
 
 

@@ -13,20 +13,20 @@ static inline uint32_t word_at(const void *data, size_t i) {
 }
 
 #define CHECKSUM_TAKE(i)                                                                                     \
-	words += word_at(data, i);                                                                               \
+	words += word_at(at, i);                                                                                 \
 	places += words;
 
 /* The sums go on over more words; four at a time, as counting them is a third of the work. */
 static inline void checksum_add(koop_checksum *sum, const void *data, size_t count) {
 	uint64_t words = sum->words, places = sum->places;
-	size_t i = 0;
-	for (; i + 4 <= count; i += 4) {
-		CHECKSUM_TAKE(i)
-		CHECKSUM_TAKE(i + 1)
-		CHECKSUM_TAKE(i + 2)
-		CHECKSUM_TAKE(i + 3)
+	const unsigned char *at = (const unsigned char *)data;
+	for (; count >= 4; count -= 4, at += 16) {
+		CHECKSUM_TAKE(0)
+		CHECKSUM_TAKE(1)
+		CHECKSUM_TAKE(2)
+		CHECKSUM_TAKE(3)
 	}
-	for (; i < count; i++) { CHECKSUM_TAKE(i) }
+	for (; count > 0; count--, at += 4) { CHECKSUM_TAKE(0) }
 	sum->words = words;
 	sum->places = places;
 }

@@ -80,5 +80,5 @@ def test_every_part_of_one_kind_in_every_use(tmp_path):
 def test_a_learner_without_protection_has_silent_bits_and_one_with_a_checksum_has_none():
     flips.build()
     silent = {use: flips.rows_of(("koopf", use, "none", "sqrt", "refuse"), 200, 1)[0] for use in ("alone", "checksum")}
-    assert silent["alone"]["what"] == "Theta" and silent["alone"]["silent"] > 10
+    assert silent["alone"]["what"] == "Theta" and silent["alone"]["silent"] > 0
     assert silent["checksum"]["silent"] == 0 and silent["checksum"]["detected"] == 200

@@ -296,6 +296,13 @@ static COLD int gate_replace(KOOP(gate) *gate, KOOP(rls) *rls) {
 	return status;
 }
 
+/* The gate and the learner as they were left, or a status. */
+static int gate_secure(KOOP(gate) *gate, KOOP(rls) *rls) {
+	gate_verify(gate);
+	const int status = verify(rls);
+	return status == KOOP_E_MEMORY ? gate_replace(gate, rls) : status;
+}
+
 /* ---- Public ------------------------------------------------------------------- */
 
 static int gate_check(const KOOP(gate) *g, const KOOP(rls) *rls) {
@@ -310,9 +317,7 @@ int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const r
 	if (status != KOOP_OK) { return status; }
 	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
 
-	gate_verify(gate);
-	status = verify(rls);
-	if (status == KOOP_E_MEMORY) { status = gate_replace(gate, rls); }
+	status = gate_secure(gate, rls);
 	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &seen.innovation); }
 	if (status == KOOP_OK && !gate_admits(gate, rls->error)) { status = KOOP_E_OUTLIER; }
 	if (status == KOOP_OK) { status = learn(rls, &seen); }

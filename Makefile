@@ -8,7 +8,7 @@ TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak determinism sanitize amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak flips determinism sanitize amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -104,6 +104,9 @@ static: $(VENV)/ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-
 
 soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDATES= in all): soak.json
 	@$(TINYKOOP) soak $(if $(UPDATES),--updates "$(UPDATES)")
+
+flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, guard and controller (TRIALS= in all, SEED=): flips.json
+	@$(TINYKOOP) flips $(if $(TRIALS),--trials "$(TRIALS)") $(if $(SEED),--seed "$(SEED)")
 
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
 	@$(TINYKOOP) determinism

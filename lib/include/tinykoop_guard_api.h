@@ -40,7 +40,7 @@ typedef struct KOOP(guard) {
 	size_t distrusted; /* steps in a row off it */
 	size_t failed;     /* samples in a row that could not be learned */
 	size_t resets;     /* how often the learner was started again */
-	koop_checksum sum; /* of offline, last_good, response and judged */
+	koop_checksum sum; /* of offline, last_good, response, judged and size */
 } KOOP(guard);
 
 /* `offline` is laid out as rls.theta is, so rls.theta itself after model_load()

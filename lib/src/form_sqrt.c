@@ -142,6 +142,7 @@ static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomina
 		bound = MATH(sqrt)(step->trace) * 2;
 	}
 	rls->covariance_bound = bound;
+	rls->positive_definite = 1; /* as it was, unless a bit has flipped */
 	return KOOP_OK;
 }
 

@@ -3,6 +3,7 @@
  * Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4). What is usual
  * is learned here. */
 
+#include <stddef.h>
 #include <string.h>
 
 #define GATE_MULTIPLE 5
@@ -14,6 +15,10 @@
 #define GATE_BETTER ((real)1.05)      /* times smaller than the learner's: little by little would add up */
 #define GATE_BETTER_AGAIN ((real)1.2) /* likewise, where it has come back already */
 #define GATE_MOST ((size_t)-1 / 2)
+
+/* What changes from sample to sample beside the mean squares: from `early` to before `sum`. */
+#define GATE_STATE offsetof(KOOP(gate), early)
+#define GATE_STATE_WORDS ((offsetof(KOOP(gate), sum) - GATE_STATE) / 4)
 
 static COLD int gate_config_check(const KOOP(gate_config) *c) {
 	if (!c) { return KOOP_OK; }
@@ -35,11 +40,20 @@ static size_t gate_window(const KOOP(gate) *gate) {
 	return GATE_WINDOW * gate->saved.n_regressors;
 }
 
+/* As at the start, when it is not known what is usual. */
+static COLD void gate_begin(KOOP(gate) *gate) {
+	for (size_t i = 0; i < 3 * gate->saved.n_lifted; i++) { gate->usual[i] = 0; }
+	(void)memset((unsigned char *)gate + GATE_STATE, 0, GATE_STATE_WORDS * 4);
+	gate->early = gate_window(gate);
+	gate->trust = gate->worst = KOOP_DOUBTFUL;
+}
+
 /* ---- In a memory whose bits may flip ---------------------------------------------- */
 
 static koop_checksum gate_sum(const KOOP(gate) *gate) {
 	koop_checksum sum = {0, 0};
-	checksum_add(&sum, gate->usual, 3 * gate->saved.n_lifted);
+	checksum_add(&sum, gate->usual, WORDS(3 * gate->saved.n_lifted));
+	checksum_add(&sum, (const unsigned char *)gate + GATE_STATE, GATE_STATE_WORDS);
 	return sum;
 }
 
@@ -47,15 +61,18 @@ static void gate_seal(KOOP(gate) *gate) {
 	if (gate->saved.config.checksum) { gate->sum = gate_sum(gate); }
 }
 
-/* Where what is usual cannot be mended it is learned anew. */
+static COLD int gate_mend(KOOP(gate) *gate, const koop_checksum *now) {
+	const size_t words = WORDS(3 * gate->saved.n_lifted);
+	return checksum_has_flipped(&gate->sum, now) ||
+	       checksum_mend(gate->usual, words, GATE_STATE_WORDS, &gate->sum, now) ||
+	       checksum_mend((unsigned char *)gate + GATE_STATE, GATE_STATE_WORDS, 0, &gate->sum, now);
+}
+
+/* What cannot be mended begins anew. */
 static void gate_verify(KOOP(gate) *gate) {
-	const size_t reals = 3 * gate->saved.n_lifted;
 	if (!gate->saved.config.checksum) { return; }
 	const koop_checksum now = gate_sum(gate);
-	if (checksum_same(&now, &gate->sum) || checksum_mend(gate->usual, reals, 0, &gate->sum, &now)) { return; }
-	for (size_t i = 0; i < reals; i++) { gate->usual[i] = 0; }
-	gate->known = 0;
-	gate->changed = 0;
+	if (!checksum_same(&now, &gate->sum) && !gate_mend(gate, &now)) { gate_begin(gate); }
 }
 
 COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
@@ -77,9 +94,7 @@ COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, cons
 	gate->usual = storage + needed;
 	gate->recent = gate->usual + N;
 	gate->before = gate->recent + N;
-	for (size_t i = 0; i < N; i++) { gate->usual[i] = gate->recent[i] = gate->before[i] = 0; }
-	gate->early = gate_window(gate);
-	gate->trust = gate->worst = KOOP_DOUBTFUL;
+	gate_begin(gate);
 	gate_seal(gate);
 	return KOOP_OK;
 }
@@ -264,6 +279,13 @@ OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int statu
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
 }
 
+static void gate_see(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
+	gate_watch(gate, rls, status);
+	if (status == KOOP_E_MEMORY) { return; } /* it says nothing of the sample */
+	gate_count(gate, rls->error, status);
+	gate_compare(gate, rls, status, psi_next);
+}
+
 /* More bits of the learner have flipped than can be mended: what is saved, if that is as it was left. */
 static COLD int gate_replace(KOOP(gate) *gate, KOOP(rls) *rls) {
 	const int status = verify(&gate->saved);
@@ -272,6 +294,13 @@ static COLD int gate_replace(KOOP(gate) *gate, KOOP(rls) *rls) {
 		gate->restored++;
 	}
 	return status;
+}
+
+/* The gate and the learner as they were left, or a status. */
+static int gate_secure(KOOP(gate) *gate, KOOP(rls) *rls) {
+	gate_verify(gate);
+	const int status = verify(rls);
+	return status == KOOP_E_MEMORY ? gate_replace(gate, rls) : status;
 }
 
 /* ---- Public ------------------------------------------------------------------- */
@@ -288,18 +317,13 @@ int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const r
 	if (status != KOOP_OK) { return status; }
 	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
 
-	gate_verify(gate);
-	status = verify(rls);
-	if (status == KOOP_E_MEMORY) { status = gate_replace(gate, rls); }
+	status = gate_secure(gate, rls);
 	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &seen.innovation); }
 	if (status == KOOP_OK && !gate_admits(gate, rls->error)) { status = KOOP_E_OUTLIER; }
 	if (status == KOOP_OK) { status = learn(rls, &seen); }
 	report(rls, status, &seen, health);
-	if (status == KOOP_E_INPUT) { return status; } /* a sensor that is not there says nothing of the model */
-	gate_watch(gate, rls, status);
-	if (status == KOOP_E_MEMORY) { return status; } /* nor does memory, of the sample */
-	gate_count(gate, rls->error, status);
-	gate_compare(gate, rls, status, psi_next);
+	/* a sensor that is not there says nothing of the model */
+	if (status != KOOP_E_INPUT) { gate_see(gate, rls, status, psi_next); }
 	gate_seal(gate);
 	return status;
 }

@@ -54,15 +54,20 @@ static void see_sample(const KOOP(guard) *g, const real *online, const real *psi
 	}
 }
 
+/* A mean square with one more sample. Only a flipped bit makes it one that is not finite. */
+static void judge(real *mean, real seen) {
+	if (!is_finite(*mean)) { *mean = seen; }
+	*mean += (seen - *mean) / GUARD_ERROR_STEPS;
+}
+
 /* The mean squares with one more sample. A wild error, or one that is not a number,
  * is cut, so that it is forgotten again. */
 static void judge_sample(KOOP(guard) *g, const real *seen) {
 	if (!is_finite(GUARD_WILD * seen[OFFLINE])) { return; }
-	g->error[OFFLINE] += (seen[OFFLINE] - g->error[OFFLINE]) / GUARD_ERROR_STEPS;
+	judge(&g->error[OFFLINE], seen[OFFLINE]);
 	for (int model = ONLINE; model < OFFLINE; model++) {
 		const real most = GUARD_WILD * g->error[OFFLINE];
-		const real error = seen[model] <= most ? seen[model] : most;
-		g->error[model] += (error - g->error[model]) / GUARD_ERROR_STEPS;
+		judge(&g->error[model], seen[model] <= most ? seen[model] : most);
 	}
 }
 
@@ -201,20 +206,21 @@ static int plan_on_best(KOOP(guard) *g, KOOP(mpc) *mpc, KOOP(request) *r) {
 /* ---- In a memory whose bits may flip -------------------------------------------- */
 
 /* The offline and the last good model, and what the former answers: all in one piece. */
-static size_t models_reals(const KOOP(guard) *g) {
-	return 2 * theta_reals(g) + (g->horizon + 1) * g->n_states * g->n_inputs;
+static size_t models_words(const KOOP(guard) *g) {
+	return WORDS(2 * theta_reals(g) + ((g->horizon + 1) * g->n_states + 1) * g->n_inputs);
 }
 
 static void seal_models(KOOP(guard) *g) {
 	g->sum.words = g->sum.places = 0;
-	checksum_add(&g->sum, g->offline, models_reals(g));
+	checksum_add(&g->sum, g->offline, models_words(g));
 }
 
 /* Whether they are as they were left, or are again. */
-static int models_are_sound(const KOOP(guard) *g) {
+static int models_are_sound(KOOP(guard) *g) {
 	koop_checksum now = {0, 0};
-	checksum_add(&now, g->offline, models_reals(g));
-	return checksum_same(&now, &g->sum) || checksum_mend(g->offline, models_reals(g), 0, &g->sum, &now);
+	checksum_add(&now, g->offline, models_words(g));
+	if (checksum_has_flipped(&g->sum, &now)) { g->sum = now; }
+	return checksum_same(&now, &g->sum) || checksum_mend(g->offline, models_words(g), 0, &g->sum, &now);
 }
 
 /* How long the online model has been in use or out of it, and the last good one. */
@@ -321,11 +327,11 @@ static void set_storage(KOOP(guard) *g, const KOOP(mpc_config) *c, real *storage
 	g->last_good = g->offline + theta_reals(g);
 	g->response = g->last_good + theta_reals(g);
 	g->judged = g->response + c->horizon * pairs;
-	g->now = g->judged + pairs;
+	g->size = g->judged + pairs;
+	g->now = g->size + c->n_inputs;
 	g->square = g->now + pairs;
 	g->along = g->square + pairs;
-	g->size = g->along + pairs;
-	g->target = g->size + c->n_inputs;
+	g->target = g->along + pairs;
 }
 
 int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(mpc) *mpc,
@@ -392,8 +398,12 @@ static int controller_check(const KOOP(guard) *g, const KOOP(mpc) *mpc) {
 	return same_model && c->n_states == g->n_states && c->horizon == g->horizon ? KOOP_OK : KOOP_E_SIZE;
 }
 
-/* What the robot's place and the last samples say of the model in use. */
+/* What the robot's place and the last samples say of the model in use. No wait is longer than GUARD_LONGEST
+ * says, unless a bit has flipped. */
 static void look_back(KOOP(guard) *g, const real *psi) {
+	const size_t longest = GUARD_LONGEST * g->config.patience;
+	g->delay = g->delay < longest ? g->delay : longest;
+	g->wait = g->wait < longest ? g->wait : longest;
 	if (g->wait > 0) { g->wait--; }
 	if (g->have_target && is_astray(g, psi)) {
 		g->have_last_good = 0;

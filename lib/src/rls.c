@@ -67,8 +67,8 @@ static koop_checksum sum_learned(const KOOP(rls) *rls) {
 	koop_checksum sum = {0, 0};
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
-	checksum_add(&sum, rls->theta, rls->kept);
-	checksum_add(&sum, numbers, KEPT_NUMBERS);
+	checksum_add(&sum, rls->theta, WORDS(rls->kept));
+	checksum_add(&sum, numbers, WORDS(KEPT_NUMBERS));
 	return sum;
 }
 
@@ -79,12 +79,14 @@ static void seal(KOOP(rls) *rls) {
 
 /* Whether what was learned is as it was left, or is again. */
 static COLD int mend_learned(KOOP(rls) *rls, const koop_checksum *now) {
-	const size_t behind = KEPT_NUMBERS * (sizeof(real) / 4);
+	const size_t words = WORDS(rls->kept), behind = WORDS(KEPT_NUMBERS);
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
-	const int mended = checksum_mend(rls->theta, rls->kept, behind, &rls->sum, now) ||
-	                   checksum_mend(numbers, KEPT_NUMBERS, 0, &rls->sum, now);
+	const int mended = checksum_has_flipped(&rls->sum, now) ||
+	                   checksum_mend(rls->theta, words, behind, &rls->sum, now) ||
+	                   checksum_mend(numbers, behind, 0, &rls->sum, now);
 	give_numbers(rls, numbers);
+	if (mended) { seal(rls); }
 	rls->mended += mended ? 1 : 0;
 	return mended ? KOOP_OK : KOOP_E_MEMORY;
 }

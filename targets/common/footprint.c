@@ -120,6 +120,13 @@ static void measure_updates(const koopf_dictionary *dictionary) {
 		drive(1);
 		report(&gated_updates, dictionary->n_lifted, regulators[r]->name, "gate");
 	}
+	for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
+		must(agent_start(&a, dictionary, regulators[r], &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
+		a.rls.config.checksum = 1;
+		must(koopf_rls_reset_covariance(&a.rls, a.rls.config.p0)); /* makes the first checksum */
+		drive(0);
+		report(&updates, dictionary->n_lifted, regulators[r]->name, "checksum");
+	}
 	report(&lifts, dictionary->n_lifted, "lift", "-");
 }
 

@@ -53,6 +53,9 @@ def parser():
     add("static", "clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/")
     soak = add("soak", "every kind of estimator through every kind of fault")
     soak.add_argument("--updates", type=float, default=1e8, help="in all (default 1e8)")
+    flips = add("flips", "one flipped bit in the storage of learner, gate, guard and controller")
+    flips.add_argument("--trials", type=float, default=240e3, help="in all (default 240,000)")
+    flips.add_argument("--seed", type=int, default=1, help="of the robots and of the bits (default 1)")
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
 
@@ -187,6 +190,10 @@ def dispatch(a):
         from .assure import soak
 
         soak.run(a.out, a.updates)
+    elif a.command == "flips":
+        from .assure import flips
+
+        flips.run(a.out, a.trials, a.seed)
     elif a.command in ("coverage", "static", "determinism", "sanitize"):
         from importlib import import_module
 

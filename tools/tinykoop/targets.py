@@ -220,7 +220,13 @@ class Counted:
 
 
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
-FORMS = {"sqrt": "rls_update", "plain-diagonal": "rls_update_plain", "plain": "rls_update_plain_checked", "gate": "gate_update"}
+FORMS = {
+    "sqrt": "rls_update",
+    "plain-diagonal": "rls_update_plain",
+    "plain": "rls_update_plain_checked",
+    "checksum": "rls_update_checksum",
+    "gate": "gate_update",
+}
 SIZES = (7, 22)
 
 
@@ -356,6 +362,7 @@ NAMES = {
     "rls_update": "update, square root,",
     "rls_update_plain": "update, plain, diagonal checked,",
     "rls_update_plain_checked": "update, plain, factored at every sample,",
+    "rls_update_checksum": "update, square root, with a checksum,",
     "gate_update": "update, square root, behind the gate,",
     "mpc_solve": "MPC",
 }

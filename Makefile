@@ -8,7 +8,7 @@ TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak determinism sanitize amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak determinism flags sanitize amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -107,6 +107,9 @@ soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDA
 
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
 	@$(TINYKOOP) determinism
+
+flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones: flags.json
+	@$(TINYKOOP) flags
 
 sanitize: build c-tests ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
 	@$(TINYKOOP) sanitize

@@ -48,6 +48,7 @@ def parser():
     soak = add("soak", "every kind of estimator through every kind of fault")
     soak.add_argument("--updates", type=float, default=1e8, help="in all (default 1e8)")
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
+    add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
 
     size = commands.add_parser("size", help="bytes and instructions of the library on a microcontroller, by your sizes")
@@ -181,7 +182,7 @@ def dispatch(a):
         from .assure import soak
 
         soak.run(a.out, a.updates)
-    elif a.command in ("coverage", "static", "determinism", "sanitize"):
+    elif a.command in ("coverage", "static", "determinism", "flags", "sanitize"):
         from importlib import import_module
 
         import_module(f"tinykoop.assure.{a.command}").run(a.out)

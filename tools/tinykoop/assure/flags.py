@@ -1,0 +1,220 @@
+"""The C tests with lib/ compiled as flight stacks compile it, and under harder flags of our own.
+
+test/flags/stacks.json holds the flags, read from the stacks' own build files. They are for lib/ alone: the tests'
+reference arithmetic must be right. Each compiler has one build tree, which keeps the objects of the tests; each set
+of flags compiles lib/ again and links. Where two sets give the same library, bit for bit, its tests are run once.
+"""
+
+import hashlib
+import json
+import shutil
+import subprocess
+import time
+from dataclasses import dataclass
+from functools import partial
+
+from ..command import need
+from ..command import run as run_command
+from ..errors import UserError
+from ..results import output_folder, print_table, write_json
+from ..targets import FOLDER as TARGETS
+from ..targets import ROOT, left_out, side_by_side
+from .determinism import missing_here
+from .sanitize import c_tests
+
+DATA = ROOT / "test/flags/stacks.json"
+TESTS = ROOT / "test/c"
+BUILD = ROOT / "build/flags"
+
+HOST, EMULATED = "x86-64", "cortex-m4f"
+COMPILERS = ("gcc", "clang", "clang-19")
+SHARE = 10  # of the tests' long searches, a tenth
+SECONDS = 120  # of one test: unsafe flags may take the end from a loop
+
+
+# ---- sets of flags -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FlagSet:
+    """What one firmware compiles with."""
+
+    name: str
+    flags: tuple
+    link: str = ""  # of the tests' programs
+    emulated: bool = False  # on the microcontroller, too
+
+
+def flag_set(row):
+    """Of a row of stacks.json; its warnings count as flags."""
+    words = f"{row['flags']} {row.get('warnings', '')}".split()
+    return FlagSet(row["name"], tuple(words), row.get("link", ""), row.get("emulated", False))
+
+
+def read_sets(data):
+    return [flag_set(row) for row in [*data["stacks"], *data["ours"]]]
+
+
+def split(flags, accepts):
+    """Those a compiler takes, and those dropped. Some are taken only in company, so all are tried together first."""
+    if accepts(flags):
+        return flags, ()
+    kept = tuple(flag for flag in flags if accepts((flag,)))
+    return kept, tuple(flag for flag in flags if flag not in kept)
+
+
+# ---- one compiler ------------------------------------------------------------------------------------------
+
+
+def first_error(text):
+    """The line of a failed build that says why."""
+    lines = text.splitlines()
+    return next((line.strip() for line in lines if "error" in line and "exit status" not in line), lines[-1])
+
+
+def complaint(name, text):
+    """A failed test: its first failed assertion, or how it ended."""
+    lines = text.splitlines()
+    return f"{name}: {next((line for line in lines if ':FAIL' in line), lines[0])}"
+
+
+class Tree:
+    """A build tree: one compiler for one target."""
+
+    def __init__(self, compiler, target):
+        self.compiler, self.target = compiler, target
+        self.folder = BUILD / f"{compiler}-{target}"
+        self.seen = {}  # {library and link: (name of the set, what failed)}
+
+    def accepts(self, flags):
+        """Whether the compiler takes these flags without a word; the host's also links with them."""
+        command = [self.compiler, "-Werror", *flags, *([] if self.target == HOST else ["-c"]), "-x", "c", "-", "-o", "/dev/null"]
+        return not subprocess.run(command, input="int main(void) { return 0; }", capture_output=True, text=True).returncode
+
+    @property
+    def options(self):
+        """Of CMake. No debug information: it holds the flags, and libraries are compared."""
+        own = {"CMAKE_C_COMPILER": self.compiler}
+        if self.target == EMULATED:
+            own = {"CMAKE_TOOLCHAIN_FILE": TARGETS / EMULATED / "toolchain.cmake"}
+        flags = f"-O2 -DTEST_SHARE={SHARE}"
+        return own | {"CMAKE_BUILD_TYPE": "Release", "CMAKE_C_FLAGS_RELEASE": flags, "TINYKOOP_TESTS": "ON", "TINYKOOP_HOST": "OFF"}
+
+    def configure(self, flags=(), link=""):
+        options = self.options | {"TINYKOOP_LIBRARY_FLAGS": ";".join(flags)}
+        if self.target == HOST:  # the other's linker flags are its toolchain's
+            options["CMAKE_EXE_LINKER_FLAGS"] = link
+        run_command("cmake", "-S", ROOT, "-B", self.folder, *[f"-D{name}={value}" for name, value in options.items()])
+
+    @property
+    def names(self):
+        """Of the tests: all of test/c; in float32 those that an emulated processor has time for."""
+        subjects = sorted(path.stem.removeprefix("test_") for path in TESTS.glob("test_*.c"))
+        precisions = ("koopf", "koopd") if self.target == HOST else ("koopf",)
+        names = [f"{subject}_{precision}" for precision in precisions for subject in subjects]
+        return [name for name in names if self.target == HOST or not left_out(self.target, name)]
+
+    def build(self, flags, link):
+        self.configure(flags, link)
+        run_command("cmake", "--build", self.folder, "--target", *[f"test_{name}" for name in self.names])
+
+    def library(self):
+        """A digest of what was built."""
+        return hashlib.sha256((self.folder / "libtinykoop.a").read_bytes()).hexdigest()
+
+    def failures(self):
+        """A line for each test that fails."""
+        commands, lines = c_tests(self.folder), []
+        for name in self.names:
+            try:
+                run_command(*commands[name], timeout=SECONDS)
+            except UserError as error:
+                lines.append(complaint(name, str(error)))
+        return lines
+
+    def outcome(self, flags, link, name):
+        """What failed, and the set whose library is the same, or None."""
+        try:
+            self.build(flags, link)
+        except UserError as error:
+            return [f"build: {first_error(str(error))}"], None
+        key = (self.library(), link)
+        if key in self.seen:
+            first, failed = self.seen[key]
+            return failed, first
+        self.seen[key] = (name, self.failures())
+        return self.seen[key][1], None
+
+    def row(self, flags):
+        """A row of flags.json for one set."""
+        begin = time.monotonic()
+        kept, dropped = split(flags.flags, self.accepts)
+        failed, same = self.outcome(kept, flags.link, flags.name)
+        return {
+            "stack": flags.name,
+            "compiler": self.compiler,
+            "target": self.target,
+            "tests": len(self.names),
+            "failed": failed,
+            "dropped": list(dropped),
+            "same_as": same,
+            "seconds": round(time.monotonic() - begin, 1),
+        }
+
+    def rows(self, sets):
+        return [self.row(flags) for flags in sets if self.target == HOST or flags.emulated]
+
+
+# ---- the page ----------------------------------------------------------------------------------------------
+
+
+def markdown(data):
+    """The table of docs/microcontroller.md."""
+    lines = ["| stack | compiles with | read from | what the library does |", "|---|---|---|---|"]
+    for row in data["stacks"]:
+        places = "<br>".join(f"{file} at {commit[:10]}" for file, commit in row["read_from"])
+        lines.append(f"| {row['name']} | `{row['flags']}` | {row['repository']}<br>{places} | {row['note']} |")
+    return "\n".join(lines) + "\n"
+
+
+# ---- all of it ---------------------------------------------------------------------------------------------
+
+
+def trees(which=shutil.which):
+    """Those that can be built here, the one that takes longest first."""
+    emulated = [] if EMULATED in missing_here(which) else [Tree("arm-none-eabi-gcc", EMULATED)]
+    return emulated + [Tree(compiler, HOST) for compiler in COMPILERS if which(compiler)]
+
+
+def failed_names(row):
+    return " ".join(line.split(":")[0] for line in row["failed"])
+
+
+def report(rows, missing):
+    lines = []
+    for row in rows:
+        passed = f"{row['tests'] - len(row['failed'])} of {row['tests']}"
+        result = "does not build" if failed_names(row) == "build" else passed
+        lines.append([row["stack"], row["compiler"], row["target"], result, row["same_as"] or "", row["seconds"]])
+    headers = ["flags", "compiler", "target", "passed", "same library as", "s"]
+    print_table("C tests with lib/ under the flags of flight stacks, and ours", headers, lines)
+    for compiler in COMPILERS:
+        if dropped := sorted({flag for row in rows if row["compiler"] == compiler for flag in row["dropped"]}):
+            print(f"Dropped, since {compiler} does not take them: {' '.join(dropped)}")
+    for what, packages in missing.items():
+        print(f"Not tried: {what}. On Debian: sudo apt-get install {packages}")
+
+
+def run(out):
+    """Writes flags.json into `out`; raises where a test fails under some flags."""
+    need({"gcc": "gcc", "cmake": "cmake"})
+    out, sets = output_folder(out), read_sets(json.loads(DATA.read_text()))
+    available = trees()
+    for tree in available:  # one after the other: the first may have to fetch Unity
+        tree.configure()
+    rows = sum(side_by_side([partial(tree.rows, sets) for tree in available], "building, testing"), [])
+    write_json(out / "flags.json", rows)
+    report(rows, missing_here())
+    if lines := [f"{row['stack']}, {row['compiler']}, {row['target']}: {line}" for row in rows for line in row["failed"]]:
+        raise UserError("\n".join([f"{len(lines)} failures", *lines]))
+    return rows

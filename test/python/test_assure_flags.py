@@ -81,8 +81,8 @@ def test_what_a_compiler_does_not_know_is_dropped_and_named(gcc):
 class Stand(flags.Tree):
     """A tree whose library is its optimisation level, and whose tests fail under -Ofast."""
 
-    def __init__(self, target=flags.HOST):
-        super().__init__("gcc", target)
+    def __init__(self, target=flags.HOST, compiler="gcc"):
+        super().__init__(compiler, target)
         self.tried = []
 
     def accepts(self, some):
@@ -121,6 +121,19 @@ def test_a_build_that_fails_says_its_first_error():
     assert row["failed"] == ["build: lib/src/rls.c:12:3: error: comparing floating-point with '==' [-Werror=float-equal]"]
 
 
+def test_the_remedy_that_the_library_asks_for_is_put_behind_the_flags_with_clang_alone():
+    class Refusing(Stand):
+        def build(self, kept, link):
+            if flags.REMEDY not in kept:
+                raise UserError(f"strict.h:9:2: error: {flags.REFUSAL} behind -ffast-math")
+            super().build(kept, link)
+
+    for compiler, failed in (("clang-19", []), ("gcc", [f"build: strict.h:9:2: error: {flags.REFUSAL} behind -ffast-math"])):
+        tree = Refusing(compiler=compiler)
+        (row,) = tree.rows([STRICT])
+        assert row["failed"] == failed and tree.tried == (["-O2"] if compiler == "clang-19" else [])
+
+
 def test_a_failed_test_says_its_first_assertion():
     assert flags.complaint("gate_koopf", FAILED_TEST) == "gate_koopf: test/c/test_gate.c:120:test_nan_is_refused:FAIL: status 0"
     assert flags.complaint("mpc_koopf", "no end after 120 s: test_mpc_koopf") == "mpc_koopf: no end after 120 s: test_mpc_koopf"
@@ -146,6 +159,42 @@ def test_flags_reach_lib_as_a_list_and_the_toolchain_keeps_its_linker_flags(monk
     assert not any("EXE_LINKER_FLAGS" in str(word) for word in asked[1])
 
 
+# ---- the self-test ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def lib(monkeypatch, tmp_path):
+    """Makes a stand-in of lib/ with this strict.h, whose self-tests find loose arithmetic in this way."""
+
+    def make(strict, finds):
+        for name in ("src", "include"):
+            (tmp_path / "lib" / name).mkdir(parents=True)
+        (tmp_path / "lib/src/strict.h").write_text(strict)
+        (tmp_path / "lib/include/tinykoop.h").write_text("enum { KOOP_OK = 0 };\nint koopf_self_test(void), koopd_self_test(void);\n")
+        for unit in ("koopf", "koopd"):
+            text = f'#include "src/strict.h"\nint {unit}_self_test(void) {{ return {finds}; }}\n'
+            (tmp_path / f"lib/{unit}.c").write_text(text)
+        monkeypatch.setattr(flags, "ROOT", tmp_path)
+        monkeypatch.setattr(flags, "BUILD", tmp_path / "build")
+
+    return make
+
+
+STRICT_H = '#pragma GCC optimize("no-fast-math")\n'
+
+
+def test_a_self_test_that_finds_loose_arithmetic_passes(lib):
+    lib(STRICT_H, "__FINITE_MATH_ONLY__")
+    assert flags.self_test_row("gcc")["failed"] == []
+
+
+@pytest.mark.parametrize("strict, finds, told", [(STRICT_H, "0", "exit status 1"), ("", "1", "no #pragma")])
+def test_a_self_test_that_finds_nothing_fails_and_so_does_nothing_to_be_left_out(lib, strict, finds, told):
+    lib(strict, finds)
+    (line,) = flags.self_test_row("gcc")["failed"]
+    assert line.startswith("self_test: ") and told in line
+
+
 # ---- the command --------------------------------------------------------------------------------------------
 
 
@@ -154,18 +203,19 @@ def one_tree(monkeypatch):
     tree = Stand()
     monkeypatch.setattr(tree, "configure", lambda: None)
     monkeypatch.setattr(flags, "trees", lambda: [tree])
+    monkeypatch.setattr(flags, "self_test_row", lambda compiler: flags.result("self-test", compiler, flags.HOST, 1, []))
 
 
 def test_what_failed_is_named_after_the_results_are_written(one_tree, monkeypatch, tmp_path):
     monkeypatch.setattr(flags, "read_sets", lambda data: [STRICT, LOOSE])
     with pytest.raises(UserError, match="1 failures\nloose, gcc, x86-64: gate_koopf: FAIL"):
         flags.run(tmp_path)
-    assert [row["stack"] for row in json.loads((tmp_path / "flags.json").read_text())] == ["strict", "loose"]
+    assert [row["stack"] for row in json.loads((tmp_path / "flags.json").read_text())] == ["strict", "loose", "self-test"]
 
 
 def test_strict_sets_alone_pass(one_tree, monkeypatch, tmp_path):
     monkeypatch.setattr(flags, "read_sets", lambda data: [STRICT])
-    (row,) = flags.run(tmp_path)
+    row, _ = flags.run(tmp_path)
     assert row["failed"] == [] and row["tests"] == len(Stand().names)
 
 

@@ -3,6 +3,8 @@
 test/flags/stacks.json holds the flags, read from the stacks' own build files. They are for lib/ alone: the tests'
 reference arithmetic must be right. Each compiler has one build tree, which keeps the objects of the tests; each set
 of flags compiles lib/ again and links. Where two sets give the same library, bit for bit, its tests are run once.
+
+lib/src/strict.h is what makes lib/ safe. Without it koopf_self_test() must find what the flags have done.
 """
 
 import hashlib
@@ -16,7 +18,7 @@ from functools import partial
 from ..command import need
 from ..command import run as run_command
 from ..errors import UserError
-from ..results import output_folder, print_table, write_json
+from ..results import number, output_folder, print_table, write_json
 from ..targets import FOLDER as TARGETS
 from ..targets import ROOT, left_out, side_by_side
 from .determinism import missing_here
@@ -28,6 +30,9 @@ BUILD = ROOT / "build/flags"
 
 HOST, EMULATED = "x86-64", "cortex-m4f"
 COMPILERS = ("gcc", "clang", "clang-19")
+# What Clang is told by lib/src/strict.h where nothing but the command line can help, and what it is to do then.
+REFUSAL, REMEDY = "TinyKoop: add -fno-finite-math-only", "-fno-finite-math-only"
+
 SHARE = 10  # of the tests' long searches, a tenth
 SECONDS = 120  # of one test: unsafe flags may take the end from a loop
 
@@ -76,6 +81,12 @@ def complaint(name, text):
     """A failed test: its first failed assertion, or how it ended."""
     lines = text.splitlines()
     return f"{name}: {next((line for line in lines if ':FAIL' in line), lines[0])}"
+
+
+def result(stack, compiler, target, tests, failed, dropped=(), same_as=None):
+    """A row of flags.json."""
+    row = {"stack": stack, "compiler": compiler, "target": target, "tests": tests, "failed": failed}
+    return row | {"dropped": list(dropped), "same_as": same_as, "seconds": None}
 
 
 class Tree:
@@ -132,10 +143,19 @@ class Tree:
                 lines.append(complaint(name, str(error)))
         return lines
 
+    def build_as_told(self, flags, link):
+        """Builds; with the remedy behind the flags where the library asks for it. Which it may with Clang alone."""
+        try:
+            self.build(flags, link)
+        except UserError as error:
+            if not (self.compiler.startswith("clang") and REFUSAL in str(error)):
+                raise
+            self.build((*flags, REMEDY), link)
+
     def outcome(self, flags, link, name):
         """What failed, and the set whose library is the same, or None."""
         try:
-            self.build(flags, link)
+            self.build_as_told(flags, link)
         except UserError as error:
             return [f"build: {first_error(str(error))}"], None
         key = (self.library(), link)
@@ -150,19 +170,48 @@ class Tree:
         begin = time.monotonic()
         kept, dropped = split(flags.flags, self.accepts)
         failed, same = self.outcome(kept, flags.link, flags.name)
-        return {
-            "stack": flags.name,
-            "compiler": self.compiler,
-            "target": self.target,
-            "tests": len(self.names),
-            "failed": failed,
-            "dropped": list(dropped),
-            "same_as": same,
-            "seconds": round(time.monotonic() - begin, 1),
-        }
+        row = result(flags.name, self.compiler, self.target, len(self.names), failed, dropped, same)
+        return row | {"seconds": round(time.monotonic() - begin, 1)}
 
     def rows(self, sets):
         return [self.row(flags) for flags in sets if self.target == HOST or flags.emulated]
+
+
+# ---- the self-test -----------------------------------------------------------------------------------------
+
+LOOSE = ("-O2", "-ffast-math")
+SELF_TEST = """#include "tinykoop.h"
+int main(void) { return koopf_self_test() != KOOP_OK && koopd_self_test() != KOOP_OK ? 0 : 1; }
+"""
+
+
+def without_strictness(folder):
+    """Makes a copy of lib/ whose files do not ask for strict arithmetic."""
+    shutil.copytree(ROOT / "lib", folder, dirs_exist_ok=True)
+    strict = folder / "src/strict.h"
+    if not strict.read_text().count("#pragma"):
+        raise UserError(f"{strict}: no #pragma is there to be left out")
+    strict.write_text("")
+
+
+def self_test_finds(compiler):
+    """Raises unless the self-tests of both precisions find that lib/ is compiled loosely."""
+    folder = BUILD / f"without-strictness-{compiler}"
+    without_strictness(folder)
+    (folder / "main.c").write_text(SELF_TEST)
+    sources = [folder / name for name in ("main.c", "koopf.c", "koopd.c")]
+    run_command(compiler, *LOOSE, "-w", "-I", folder / "include", *sources, "-o", folder / "main", "-lm")
+    run_command(folder / "main")
+
+
+def self_test_row(compiler):
+    """A row of flags.json."""
+    failed = []
+    try:
+        self_test_finds(compiler)
+    except (UserError, OSError) as error:
+        failed = [f"self_test: does not find that strict.h is left out: {error}"]
+    return result(f"{' '.join(LOOSE)} without strict.h", compiler, HOST, 1, failed)
 
 
 # ---- the page ----------------------------------------------------------------------------------------------
@@ -195,7 +244,7 @@ def report(rows, missing):
     for row in rows:
         passed = f"{row['tests'] - len(row['failed'])} of {row['tests']}"
         result = "does not build" if failed_names(row) == "build" else passed
-        lines.append([row["stack"], row["compiler"], row["target"], result, row["same_as"] or "", row["seconds"]])
+        lines.append([row["stack"], row["compiler"], row["target"], result, row["same_as"] or "", number(row["seconds"])])
     headers = ["flags", "compiler", "target", "passed", "same library as", "s"]
     print_table("C tests with lib/ under the flags of flight stacks, and ours", headers, lines)
     for compiler in COMPILERS:
@@ -213,6 +262,7 @@ def run(out):
     for tree in available:  # one after the other: the first may have to fetch Unity
         tree.configure()
     rows = sum(side_by_side([partial(tree.rows, sets) for tree in available], "building, testing"), [])
+    rows += [self_test_row(tree.compiler) for tree in available if tree.target == HOST]
     write_json(out / "flags.json", rows)
     report(rows, missing_here())
     if lines := [f"{row['stack']}, {row['compiler']}, {row['target']}: {line}" for row in rows for line in row["failed"]]:

@@ -104,7 +104,7 @@ class Stand(flags.Tree):
 def test_tests_are_run_once_per_library():
     tree = Stand()
     again = flags.FlagSet("loose again", ("-Ofast", "-fno-common"))
-    rows = tree.rows([STRICT, LOOSE, again])
+    rows = [tree.row(some) for some in (STRICT, LOOSE, again)]
     assert tree.tried == ["-O2", "-Ofast"]
     assert [row["failed"] for row in rows] == [[], ["gate_koopf: FAIL"], ["gate_koopf: FAIL"]]
     assert [row["same_as"] for row in rows] == [None, None, "loose"]
@@ -112,12 +112,13 @@ def test_tests_are_run_once_per_library():
 
 def test_other_link_flags_are_another_program():
     tree = Stand()
-    tree.rows([LOOSE, flags.FlagSet("linked", LOOSE.flags, link="-ffast-math")])
+    for some in (LOOSE, flags.FlagSet("linked", LOOSE.flags, link="-ffast-math")):
+        tree.row(some)
     assert tree.tried == ["-Ofast", "-Ofast"]
 
 
 def test_a_build_that_fails_says_its_first_error():
-    (row,) = Stand().rows([flags.FlagSet("broken", ("-O2", "-Wbroken"))])
+    row = Stand().row(flags.FlagSet("broken", ("-O2", "-Wbroken")))
     assert row["failed"] == ["build: lib/src/rls.c:12:3: error: comparing floating-point with '==' [-Werror=float-equal]"]
 
 
@@ -130,7 +131,7 @@ def test_the_remedy_that_the_library_asks_for_is_put_behind_the_flags_with_clang
 
     for compiler, failed in (("clang-19", []), ("gcc", [f"build: strict.h:9:2: error: {flags.REFUSAL} behind -ffast-math"])):
         tree = Refusing(compiler=compiler)
-        (row,) = tree.rows([STRICT])
+        row = tree.row(STRICT)
         assert row["failed"] == failed and tree.tried == (["-O2"] if compiler == "clang-19" else [])
 
 
@@ -147,7 +148,7 @@ def test_the_host_runs_all_tests_of_both_precisions():
 def test_the_emulated_processor_runs_float32_and_the_sets_meant_for_it():
     tree = Stand(flags.EMULATED)
     assert tree.names and all(name.endswith("_koopf") and not targets.left_out(flags.EMULATED, name) for name in tree.names)
-    assert [row["stack"] for row in tree.rows([STRICT, LOOSE])] == ["loose"]
+    assert tree.meant([STRICT, LOOSE]) == [LOOSE] and Stand().meant([STRICT, LOOSE]) == [STRICT, LOOSE]
 
 
 def test_flags_reach_lib_as_a_list_and_the_toolchain_keeps_its_linker_flags(monkeypatch):
@@ -211,6 +212,12 @@ def test_what_failed_is_named_after_the_results_are_written(one_tree, monkeypatc
     with pytest.raises(UserError, match="1 failures\nloose, gcc, x86-64: gate_koopf: FAIL"):
         flags.run(tmp_path)
     assert [row["stack"] for row in json.loads((tmp_path / "flags.json").read_text())] == ["strict", "loose", "self-test"]
+
+
+def test_a_fault_of_our_own_is_not_taken_for_a_result(one_tree, monkeypatch, tmp_path):
+    monkeypatch.setattr(Stand, "failures", lambda tree: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        flags.run(tmp_path)
 
 
 def test_strict_sets_alone_pass(one_tree, monkeypatch, tmp_path):

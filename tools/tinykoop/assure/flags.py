@@ -9,18 +9,21 @@ lib/src/strict.h is what makes lib/ safe. Without it koopf_self_test() must find
 
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
+from queue import Queue
+from threading import Event
 
 from ..command import need
 from ..command import run as run_command
 from ..errors import UserError
-from ..results import number, output_folder, print_table, write_json
+from ..results import number, output_folder, print_table, progress, write_json
 from ..targets import FOLDER as TARGETS
-from ..targets import ROOT, left_out, side_by_side
+from ..targets import ROOT, left_out
 from .determinism import missing_here
 from .sanitize import c_tests
 
@@ -173,8 +176,9 @@ class Tree:
         row = result(flags.name, self.compiler, self.target, len(self.names), failed, dropped, same)
         return row | {"seconds": round(time.monotonic() - begin, 1)}
 
-    def rows(self, sets):
-        return [self.row(flags) for flags in sets if self.target == HOST or flags.emulated]
+    def meant(self, sets):
+        """Those for this target."""
+        return [flags for flags in sets if self.target == HOST or flags.emulated]
 
 
 # ---- the self-test -----------------------------------------------------------------------------------------
@@ -235,6 +239,31 @@ def trees(which=shutil.which):
     return emulated + [Tree(compiler, HOST) for compiler in COMPILERS if which(compiler)]
 
 
+def every_row(available, sets):
+    """Rows as they are done. A tree does its sets one after the other; trees are side by side."""
+    done, stop = Queue(), Event()
+
+    def work(tree):
+        try:
+            for flags in tree.meant(sets):
+                if not stop.is_set():
+                    done.put(tree.row(flags))
+        except Exception as error:
+            done.put(error)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            for tree in available:
+                pool.submit(work, tree)
+            for _ in progress(range(sum(len(tree.meant(sets)) for tree in available)), "building, testing"):
+                row = done.get()
+                if isinstance(row, Exception):
+                    raise row
+                yield row
+        finally:
+            stop.set()
+
+
 def failed_names(row):
     return " ".join(line.split(":")[0] for line in row["failed"])
 
@@ -261,7 +290,7 @@ def run(out):
     available = trees()
     for tree in available:  # one after the other: the first may have to fetch Unity
         tree.configure()
-    rows = sum(side_by_side([partial(tree.rows, sets) for tree in available], "building, testing"), [])
+    rows = sorted(every_row(available, sets), key=lambda row: (row["target"], row["compiler"]))
     rows += [self_test_row(tree.compiler) for tree in available if tree.target == HOST]
     write_json(out / "flags.json", rows)
     report(rows, missing_here())

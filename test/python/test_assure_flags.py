@@ -49,7 +49,7 @@ def test_every_word_of_the_data_is_a_flag():
 
 def test_warnings_are_flags_of_lib_and_link_flags_are_not():
     row = flags.flag_set({"name": "a", "flags": "-O2", "warnings": "-Wall -Werror", "link": "-ffast-math"})
-    assert row == flags.FlagSet("a", ("-O2", "-Wall", "-Werror"), "-ffast-math", False)
+    assert row == flags.FlagSet("a", ("-O2", "-Wall", "-Werror"), "-ffast-math")
 
 
 def test_the_page_shows_the_data():
@@ -96,7 +96,7 @@ class Stand(flags.Tree):
     def library(self):
         return self.now
 
-    def failures(self):
+    def failures(self, names):
         self.tried.append(self.now)
         return ["gate_koopf: FAIL"] if self.now == "-Ofast" else []
 
@@ -149,6 +149,15 @@ def test_the_emulated_processor_runs_float32_and_the_sets_meant_for_it():
     tree = Stand(flags.EMULATED)
     assert tree.names and all(name.endswith("_koopf") and not targets.left_out(flags.EMULATED, name) for name in tree.names)
     assert tree.meant([STRICT, LOOSE]) == [LOOSE] and Stand().meant([STRICT, LOOSE]) == [STRICT, LOOSE]
+
+
+def test_what_is_left_out_exists_has_a_reason_and_is_not_run():
+    subjects = {path.stem.removeprefix("test_") for path in flags.TESTS.glob("test_*.c")}
+    (row,) = [row for row in flags.read_sets(DATA) if row.left_out]
+    assert row.link and set(row.left_out) <= subjects and len(flags.reasons(DATA)) == len(row.left_out)
+    names = Stand().names_under(row)
+    assert set(Stand().names) - set(names) == {f"{subject}_{p}" for subject in row.left_out for p in ("koopf", "koopd")}
+    assert Stand().row(row)["tests"] == len(names)
 
 
 def test_flags_reach_lib_as_a_list_and_the_toolchain_keeps_its_linker_flags(monkeypatch):
@@ -215,7 +224,7 @@ def test_what_failed_is_named_after_the_results_are_written(one_tree, monkeypatc
 
 
 def test_a_fault_of_our_own_is_not_taken_for_a_result(one_tree, monkeypatch, tmp_path):
-    monkeypatch.setattr(Stand, "failures", lambda tree: 1 / 0)
+    monkeypatch.setattr(Stand, "failures", lambda tree, names: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         flags.run(tmp_path)
 

@@ -51,12 +51,13 @@ class FlagSet:
     flags: tuple
     link: str = ""  # of the tests' programs
     emulated: bool = False  # on the microcontroller, too
+    left_out: tuple = ()  # tests that cannot pass, whatever lib/ does
 
 
 def flag_set(row):
     """Of a row of stacks.json; its warnings count as flags."""
     words = f"{row['flags']} {row.get('warnings', '')}".split()
-    return FlagSet(row["name"], tuple(words), row.get("link", ""), row.get("emulated", False))
+    return FlagSet(row["name"], tuple(words), row.get("link", ""), row.get("emulated", False), tuple(row.get("left_out", {})))
 
 
 def read_sets(data):
@@ -98,7 +99,7 @@ class Tree:
     def __init__(self, compiler, target):
         self.compiler, self.target = compiler, target
         self.folder = BUILD / f"{compiler}-{target}"
-        self.seen = {}  # {library and link: (name of the set, what failed)}
+        self.seen = {}  # {library, link and tests: (name of the set, what failed)}
 
     def accepts(self, flags):
         """Whether the compiler takes these flags without a word; the host's also links with them."""
@@ -128,6 +129,10 @@ class Tree:
         names = [f"{subject}_{precision}" for precision in precisions for subject in subjects]
         return [name for name in names if self.target == HOST or not left_out(self.target, name)]
 
+    def names_under(self, flags):
+        """Of the tests that are run under a set."""
+        return [name for name in self.names if name.rsplit("_", 1)[0] not in flags.left_out]
+
     def build(self, flags, link):
         self.configure(flags, link)
         run_command("cmake", "--build", self.folder, "--target", *[f"test_{name}" for name in self.names])
@@ -136,10 +141,10 @@ class Tree:
         """A digest of what was built."""
         return hashlib.sha256((self.folder / "libtinykoop.a").read_bytes()).hexdigest()
 
-    def failures(self):
-        """A line for each test that fails."""
+    def failures(self, names):
+        """A line for each of these tests that fails."""
         commands, lines = c_tests(self.folder), []
-        for name in self.names:
+        for name in names:
             try:
                 run_command(*commands[name], timeout=SECONDS)
             except UserError as error:
@@ -155,25 +160,26 @@ class Tree:
                 raise
             self.build((*flags, REMEDY), link)
 
-    def outcome(self, flags, link, name):
+    def outcome(self, flags, kept):
         """What failed, and the set whose library is the same, or None."""
         try:
-            self.build_as_told(flags, link)
+            self.build_as_told(kept, flags.link)
         except UserError as error:
             return [f"build: {first_error(str(error))}"], None
-        key = (self.library(), link)
+        names = self.names_under(flags)
+        key = (self.library(), flags.link, *names)
         if key in self.seen:
             first, failed = self.seen[key]
             return failed, first
-        self.seen[key] = (name, self.failures())
+        self.seen[key] = (flags.name, self.failures(names))
         return self.seen[key][1], None
 
     def row(self, flags):
         """A row of flags.json for one set."""
         begin = time.monotonic()
         kept, dropped = split(flags.flags, self.accepts)
-        failed, same = self.outcome(kept, flags.link, flags.name)
-        row = result(flags.name, self.compiler, self.target, len(self.names), failed, dropped, same)
+        failed, same = self.outcome(flags, kept)
+        row = result(flags.name, self.compiler, self.target, len(self.names_under(flags)), failed, dropped, same)
         return row | {"seconds": round(time.monotonic() - begin, 1)}
 
     def meant(self, sets):
@@ -268,7 +274,12 @@ def failed_names(row):
     return " ".join(line.split(":")[0] for line in row["failed"])
 
 
-def report(rows, missing):
+def reasons(data):
+    """A line for each test that is left out."""
+    return [f"Left out under {row['name']}: {test}, which {why}" for row in data["ours"] for test, why in row.get("left_out", {}).items()]
+
+
+def report(rows, data, missing):
     lines = []
     for row in rows:
         passed = f"{row['tests'] - len(row['failed'])} of {row['tests']}"
@@ -279,6 +290,8 @@ def report(rows, missing):
     for compiler in COMPILERS:
         if dropped := sorted({flag for row in rows if row["compiler"] == compiler for flag in row["dropped"]}):
             print(f"Dropped, since {compiler} does not take them: {' '.join(dropped)}")
+    for line in reasons(data):
+        print(line)
     for what, packages in missing.items():
         print(f"Not tried: {what}. On Debian: sudo apt-get install {packages}")
 
@@ -286,14 +299,14 @@ def report(rows, missing):
 def run(out):
     """Writes flags.json into `out`; raises where a test fails under some flags."""
     need({"gcc": "gcc", "cmake": "cmake"})
-    out, sets = output_folder(out), read_sets(json.loads(DATA.read_text()))
+    out, data = output_folder(out), json.loads(DATA.read_text())
     available = trees()
     for tree in available:  # one after the other: the first may have to fetch Unity
         tree.configure()
-    rows = sorted(every_row(available, sets), key=lambda row: (row["target"], row["compiler"]))
+    rows = sorted(every_row(available, read_sets(data)), key=lambda row: (row["target"], row["compiler"]))
     rows += [self_test_row(tree.compiler) for tree in available if tree.target == HOST]
     write_json(out / "flags.json", rows)
-    report(rows, missing_here())
+    report(rows, data, missing_here())
     if lines := [f"{row['stack']}, {row['compiler']}, {row['target']}: {line}" for row in rows for line in row["failed"]]:
         raise UserError("\n".join([f"{len(lines)} failures", *lines]))
     return rows

@@ -108,8 +108,8 @@ soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDA
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
 	@$(TINYKOOP) determinism
 
-flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones: flags.json
-	@$(TINYKOOP) flags
+flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER= only one): flags.json
+	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)")
 
 sanitize: build c-tests ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
 	@$(TINYKOOP) sanitize

@@ -241,3 +241,11 @@ def test_compilers_that_are_missing_are_left_out():
 
     assert [tree.compiler for tree in flags.trees(only_gcc)] == ["gcc"]
     assert [tree.target for tree in flags.trees(lambda name: name)] == [flags.EMULATED] + [flags.HOST] * len(flags.COMPILERS)
+
+
+def test_one_compiler_can_be_chosen_and_one_that_is_not_here_is_refused():
+    here = [flags.Tree("gcc", flags.HOST), flags.Tree(flags.CROSS, flags.EMULATED)]
+    assert flags.chosen(here, None) == here
+    assert flags.chosen(here, [flags.CROSS]) == here[1:]
+    with pytest.raises(UserError, match="--compiler icc: not one of those that are here: gcc, arm-none-eabi-gcc"):
+        flags.chosen(here, ["icc"])

@@ -48,7 +48,8 @@ def parser():
     soak = add("soak", "every kind of estimator through every kind of fault")
     soak.add_argument("--updates", type=float, default=1e8, help="in all (default 1e8)")
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
-    add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
+    flags = add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
+    flags.add_argument("--compiler", action="append", help="only this one of gcc, clang, clang-19, arm-none-eabi-gcc; may be given again")
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
 
     size = commands.add_parser("size", help="bytes and instructions of the library on a microcontroller, by your sizes")
@@ -178,11 +179,15 @@ def dispatch(a):
         from .assure import fuzz
 
         fuzz.run(a.out, a.seconds)
+    elif a.command == "flags":
+        from .assure import flags
+
+        flags.run(a.out, a.compiler)
     elif a.command == "soak":
         from .assure import soak
 
         soak.run(a.out, a.updates)
-    elif a.command in ("coverage", "static", "determinism", "flags", "sanitize"):
+    elif a.command in ("coverage", "static", "determinism", "sanitize"):
         from importlib import import_module
 
         import_module(f"tinykoop.assure.{a.command}").run(a.out)

@@ -33,6 +33,7 @@ BUILD = ROOT / "build/flags"
 
 HOST, EMULATED = "x86-64", "cortex-m4f"
 COMPILERS = ("gcc", "clang", "clang-19")
+CROSS = "arm-none-eabi-gcc"
 # What Clang is told by lib/src/strict.h where nothing but the command line can help, and what it is to do then.
 REFUSAL, REMEDY = "TinyKoop: add -fno-finite-math-only", "-fno-finite-math-only"
 
@@ -135,7 +136,8 @@ class Tree:
 
     def build(self, flags, link):
         self.configure(flags, link)
-        run_command("cmake", "--build", self.folder, "--target", *[f"test_{name}" for name in self.names])
+        programs = ["c_tests"] if self.target == HOST else [f"test_{name}" for name in self.names]
+        run_command("cmake", "--build", self.folder, "--target", *programs)
 
     def library(self):
         """A digest of what was built."""
@@ -241,8 +243,16 @@ def markdown(data):
 
 def trees(which=shutil.which):
     """Those that can be built here, the one that takes longest first."""
-    emulated = [] if EMULATED in missing_here(which) else [Tree("arm-none-eabi-gcc", EMULATED)]
+    emulated = [] if EMULATED in missing_here(which) else [Tree(CROSS, EMULATED)]
     return emulated + [Tree(compiler, HOST) for compiler in COMPILERS if which(compiler)]
+
+
+def chosen(available, compilers):
+    """The trees of these compilers; of all where none is named."""
+    for compiler in compilers or ():
+        if compiler not in [tree.compiler for tree in available]:
+            raise UserError(f"--compiler {compiler}: not one of those that are here: {', '.join(tree.compiler for tree in available)}")
+    return [tree for tree in available if not compilers or tree.compiler in compilers]
 
 
 def every_row(available, sets):
@@ -296,11 +306,11 @@ def report(rows, data, missing):
         print(f"Not tried: {what}. On Debian: sudo apt-get install {packages}")
 
 
-def run(out):
+def run(out, compilers=None):
     """Writes flags.json into `out`; raises where a test fails under some flags."""
     need({"gcc": "gcc", "cmake": "cmake"})
     out, data = output_folder(out), json.loads(DATA.read_text())
-    available = trees()
+    available = chosen(trees(), compilers)
     for tree in available:  # one after the other: the first may have to fetch Unity
         tree.configure()
     rows = sorted(every_row(available, read_sets(data)), key=lambda row: (row["target"], row["compiler"]))

@@ -8,7 +8,7 @@ TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak flips determinism sanitize amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak flips determinism flags sanitize amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -110,6 +110,9 @@ flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, guard a
 
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
 	@$(TINYKOOP) determinism
+
+flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER= only one): flags.json
+	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)")
 
 sanitize: build c-tests ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
 	@$(TINYKOOP) sanitize

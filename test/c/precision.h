@@ -25,7 +25,7 @@ typedef float real;
 #define MODEL_BYTES(N, m) KOOPF_MODEL_BYTES(N, m)
 #endif
 
-/* The search of test_extremes is divided by it where the processor is emulated. */
+/* The long searches are divided by it where the processor is emulated, or the tests are run many times. */
 #ifndef TEST_SHARE
 #define TEST_SHARE 1
 #endif

@@ -45,7 +45,7 @@ static void campaign(uint64_t seed, int method, int problems, double tolerance, 
                      double condition) {
 	random_source random = random_seed(seed);
 	tally seen = {0, 0, 0, 0, 0};
-	for (int round = 0; round < problems;) {
+	for (int round = 0; round < problems / TEST_SHARE;) {
 		problem p;
 		wide diagonal[MOST_V];
 		random_problem(&random, &p);

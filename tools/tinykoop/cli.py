@@ -57,6 +57,8 @@ def parser():
     flips.add_argument("--trials", type=float, default=240e3, help="in all (default 240,000)")
     flips.add_argument("--seed", type=int, default=1, help="of the robots and of the bits (default 1)")
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
+    flags = add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
+    flags.add_argument("--compiler", action="append", help="only this one of gcc, clang, clang-19, arm-none-eabi-gcc; may be given again")
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
 
     size = commands.add_parser("size", help="bytes and instructions of the library on a microcontroller, by your sizes")
@@ -186,6 +188,10 @@ def dispatch(a):
         from .assure import fuzz
 
         fuzz.run(a.out, a.seconds)
+    elif a.command == "flags":
+        from .assure import flags
+
+        flags.run(a.out, a.compiler)
     elif a.command == "soak":
         from .assure import soak
 

@@ -39,9 +39,9 @@ def build(name, flags, *options):
 
 
 def c_tests(folder):
-    """{name: command} of the C tests."""
+    """{name: command} of the C tests that are built."""
     tests = json.loads(run_command("ctest", "--test-dir", folder, "--show-only=json-v1"))["tests"]
-    return {test["name"]: test["command"] for test in tests}
+    return {test["name"]: test["command"] for test in tests if "command" in test}
 
 
 def attempt(name, *command, timeout=1800, **options):

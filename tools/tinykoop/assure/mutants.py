@@ -36,6 +36,7 @@ PRECISIONS = ("koopf", "koopd")
 PARTS = ("", "_guard")
 # An argument that no compiler takes without a warning is no mutant; other warnings do not matter.
 FLAGS = "-std=c99 -O1 -fPIC -ffp-contract=off -Iinclude -Werror=int-conversion -Werror=incompatible-pointer-types".split()
+SHARED = "libtinykoop.so"
 SLOWER, LONGER = 5, 2.0  # a test may take this times its processor time, and this many seconds more
 STOP = "void _Exit(int);\nvoid longjmp(void *frame, int value) { (void)frame; _Exit(value); }\n"  # in place of Unity's way to the next test
 MIN_SCORE = 97.0  # percent
@@ -68,15 +69,16 @@ class Kernel:
         return made if subprocess.run(command, cwd=lib, capture_output=True).returncode == 0 else None
 
     def link(self, folder, changed=()):
-        """libtinykoop.so in `folder`, of the changed objects and the unchanged ones."""
+        """The shared library in `folder`, of the changed objects and the unchanged ones."""
         names = [f"{precision}{part}.o" for precision in PRECISIONS for part in PARTS]
         mine = {made.name: made for made in changed}
-        run_command("gcc", "-shared", *(mine.get(name, self.folder / name) for name in names), "-o", folder / "libtinykoop.so", "-lm")
+        objects = [mine.get(name, self.folder / name) for name in names]
+        run_command("gcc", "-shared", f"-Wl,-soname,{SHARED}", *objects, "-o", folder / SHARED, "-lm")
 
     def link_test(self, program):
         """Links a test again as CMake has, but with the shared library, and so that it ends at its first failure."""
         line = (program.parent / f"CMakeFiles/{program.name}.dir/link.txt").read_text()
-        library = str(self.folder / "libtinykoop.so")
+        library = str(self.folder / SHARED)
         run_command(*line.replace("../libtinykoop.a", library).split(), self.folder / "stop.o", cwd=program.parent)
 
     def fails(self, program, seconds, folder):
@@ -85,12 +87,12 @@ class Kernel:
         command = ["prlimit", f"--cpu={seconds}", "--core=0", program]
         return subprocess.run(command, env=environment, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode != 0
 
-    def limit(self, program):
-        """Seconds of processor time that a mutant may take for a test."""
+    def time(self, program):
+        """Seconds of processor time that a test takes without a mutant."""
         before = processor_time()
         if self.fails(program, 600, self.folder):
             raise UserError(f"{program}: fails without a mutant; run make test")
-        return math.ceil(SLOWER * (processor_time() - before) + LONGER)
+        return processor_time() - before
 
     def prepare(self):
         """Builds and times the tests."""
@@ -107,8 +109,8 @@ class Kernel:
             paths = [self.folder / "test" / name for name in names]
             for path in paths:
                 self.link_test(path)
-            limits = {path: self.limit(path) for path in paths}
-            self.limits[precision] = dict(sorted(limits.items(), key=lambda pair: pair[1]))
+            times = sorted((self.time(path), path) for path in paths)
+            self.limits[precision] = {path: math.ceil(SLOWER * time + LONGER) for time, path in times}
         return self
 
 

@@ -108,7 +108,8 @@ class Code:
         before = self.words[i - 1]
         if before == ")" and self.words[i] == "*" and self.words[self.partner[i - 1] - 1] == "KOOP":
             return False
-        return before in (")", "]", *STEPS) or self.kind(i - 1) == "number" or (self.kind(i - 1) == "name" and before not in TYPES | KEYWORDS)
+        names = self.kind(i - 1) == "name" and before not in TYPES | KEYWORDS
+        return names or before in (")", "]", *STEPS) or self.kind(i - 1) == "number"
 
     def is_array_size(self, i):
         """Whether the number i is one in a declaration, such as real sum[4]."""

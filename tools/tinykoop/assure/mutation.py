@@ -79,9 +79,11 @@ def changed_number(text):
 
 
 def changed_numbers(code):
+    """All numbers; but return 1 only becomes return 0, since any other number is as true."""
     for i, word in enumerate(code.words):
         if code.kind(i) == "number" and not code.is_array_size(i):
-            yield from ((i, i, text) for text in changed_number(word))
+            others = ["0"] if code.words[i - 1 : i + 2] == ["return", "1", ";"] else changed_number(word)
+            yield from ((i, i, other) for other in others)
 
 
 def next_elements(code):

@@ -28,16 +28,17 @@ static void check_bounds(int step) {
 
 static void test_no_element_is_beyond_its_bound(void) {
 	random_source random = random_seed(41);
-	for (int r = 0; r < REGULATORS; r++) {
+	for (int r = 0; r < 2 * REGULATORS; r++) {
 		for (int f = 0; f < FORMS; f++) {
 			const size_t N = 5, m = 2;
-			estimator_settings(&e, N, m, all_regulators[r], all_forms[f]);
-			e.config.lambda = (real)0.6;
+			estimator_settings(&e, N, m, all_regulators[r / 2], all_forms[f]);
+			e.config.lambda = r % 2 ? (real)0.6 : (real)0.02;
 			e.config.check = KOOP_CHECK_DIAGONAL;
 			estimator_start(&e);
 			for (int k = 0; k < 60; k++) {
 				real zeta[MAX_D], psi_next[MAX_N];
-				random_fill(&random, zeta, N + m, -3, 3);
+				const double size = exp2(random_uniform(&random, -10, 2)); /* SIFt's P grows where it is small */
+				random_fill(&random, zeta, N + m, -size, size);
 				random_fill(&random, psi_next, N, -50, 50);
 				estimator_update(&e, zeta, psi_next, NULL);
 				check_bounds(k);
@@ -46,8 +47,33 @@ static void test_no_element_is_beyond_its_bound(void) {
 	}
 }
 
+/* A gate keeps the bounds with what it keeps of the learner. */
+static void test_a_gate_keeps_the_bounds_too(void) {
+	static real storage[KOOP_GATE_REALS_PLAIN(MAX_N, MAX_M)];
+	random_source random = random_seed(42);
+	for (int f = 0; f < FORMS; f++) {
+		KOOP(gate) gate;
+		estimator_settings(&e, 5, 2, &KOOP(reg_ef), all_forms[f]);
+		e.config.check = KOOP_CHECK_REPORT;
+		estimator_start(&e);
+		for (int k = 0; k < 20; k++) {
+			real zeta[MAX_D], psi_next[MAX_N];
+			random_fill(&random, zeta, 7, -1, 1);
+			random_fill(&random, psi_next, 5, -1, 1);
+			estimator_update(&e, zeta, psi_next, NULL);
+		}
+		CHECK_STATUS(KOOP_OK,
+		             KOOP(gate_init)(&gate, NULL, &e.rls, storage, sizeof storage / sizeof *storage));
+		TEST_ASSERT_TRUE(gate.saved.theta_bound == e.rls.theta_bound);
+		TEST_ASSERT_TRUE(gate.saved.covariance_bound == e.rls.covariance_bound);
+		TEST_ASSERT_TRUE(gate.saved.covariance_scale == e.rls.covariance_scale);
+		TEST_ASSERT_TRUE(gate.saved.positive_definite == e.rls.positive_definite);
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_no_element_is_beyond_its_bound);
+	RUN_TEST(test_a_gate_keeps_the_bounds_too);
 	return UNITY_END();
 }

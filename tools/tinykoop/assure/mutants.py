@@ -1,8 +1,8 @@
 """How many small faults put into lib/ the C tests find: the mutation score.
 
-A mutant is tried in float32, then in float64, until a test fails or exceeds its time: with vector registers, or without
-where it changes nothing with them. One that compiles to the same objects everywhere is equivalent; others are where
-test/mutants/equivalent.txt argues so, in one line each:
+A mutant is tried in float32, then in float64, with vector registers and then without, until a test fails or exceeds its
+time. One that compiles to the same objects everywhere is equivalent; others are where test/mutants/equivalent.txt
+argues so, in one line each:
 
     lib/src/file.c:function | line before | line after | reason
 """
@@ -138,8 +138,13 @@ def judge(mutant, kernels):
         lib = Path(folder) / "lib"
         shutil.copytree(LIB, lib)
         (lib.parent / mutant.file).write_text(mutant.mutated)
-        verdicts = (judge_with(kernel, lib, units) for kernel in kernels)
-        return next((verdict for verdict in verdicts if verdict != "equivalent"), "equivalent")
+        verdict = "equivalent"
+        for kernel in kernels:
+            found = judge_with(kernel, lib, units)
+            if found in ("killed", None):
+                return found
+            verdict = found if verdict == "equivalent" else verdict
+        return verdict
 
 
 # ---- mutants -----------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ enum { N = 5, PADDED = KOOP_PAD(N) };
 static real storage[KOOP_MPC_REALS_NEWTON(N, 1, 1, 1)];
 static KOOP(mpc) mpc;
 
-/* One state of N is tracked, one step ahead, and the input costs nearly nothing: it is what cancels the change. */
+/* One state of N is tracked, one step ahead, and the input costs nearly nothing: it cancels the change. */
 static real planned_input(const real *theta, const real *psi) {
 	static const real Q = 1, R = (real)1e-12, low = -1000, high = 1000, safe = 0;
 	const KOOP(mpc_config) config = {

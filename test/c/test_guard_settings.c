@@ -49,8 +49,8 @@ static void test_settings_are_taken(void) {
 	TEST_ASSERT_EQUAL_MEMORY(&mine, &guard.config, sizeof mine);
 }
 
-/* Both inputs act on the first state. It is left out of what the second input is judged by where that input has
- * little range and acts on its own state above all; where it starts from does not matter. */
+/* Both inputs act on the first state. It is left out of what the second input is judged by where that input
+ * has little range and acts on its own state above all; where it starts from does not matter. */
 static void test_range_of_an_input_decides_what_is_judged(void) {
 	const real gain[N * M] = {1, 0, (real)0.2, 1};
 	const real wide_low[M] = {10, 20}, wide_high[M] = {11, 21}, far_high[M] = {11, 80};

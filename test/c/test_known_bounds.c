@@ -37,7 +37,8 @@ static void test_no_element_is_beyond_its_bound(void) {
 			estimator_start(&e);
 			for (int k = 0; k < 60; k++) {
 				real zeta[MAX_D], psi_next[MAX_N];
-				const double size = exp2(random_uniform(&random, -10, 2)); /* SIFt's P grows where it is small */
+				const double size =
+				    exp2(random_uniform(&random, -10, 2)); /* SIFt's P grows where it is small */
 				random_fill(&random, zeta, N + m, -size, size);
 				random_fill(&random, psi_next, N, -50, 50);
 				estimator_update(&e, zeta, psi_next, NULL);

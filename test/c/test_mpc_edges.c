@@ -32,7 +32,7 @@ static void start(KOOP(mpc) *controller, real *where, const KOOP(mpc_config) *co
 static void test_safe_input_on_a_bound(void) {
 	const real *const boxes[][3] = {{low, high, low}, {low, high, high}, {low, low, low}};
 	const real theta[(N + M) * PADDED] = {1, 0, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 1}, psi[N] = {0, 0},
-	           reference[H * N] = {0};
+	                           reference[H * N] = {0};
 	for (size_t i = 0; i < sizeof boxes / sizeof *boxes; i++) {
 		real u[M];
 		KOOP(mpc_config) config = settings();
@@ -41,7 +41,9 @@ static void test_safe_input_on_a_bound(void) {
 		config.u_safe = boxes[i][2];
 		start(&mpc, storage, &config);
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL));
-		for (size_t j = 0; j < M; j++) { CHECK(u[j] >= config.u_min[j] && u[j] <= config.u_max[j], "%zu", j); }
+		for (size_t j = 0; j < M; j++) {
+			CHECK(u[j] >= config.u_min[j] && u[j] <= config.u_max[j], "%zu", j);
+		}
 	}
 }
 
@@ -59,8 +61,8 @@ static void test_model_that_changes_at_every_solve(void) {
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL));
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&fresh, theta, psi, reference, NULL, expected, NULL));
 		for (size_t j = 0; j < M; j++) {
-			CHECK(fabs((double)(u[j] - expected[j])) < (TEST_DOUBLE ? 1e-8 : 1e-3), "solve %d: u[%zu] %g, not %g",
-			      k, j, (double)u[j], (double)expected[j]);
+			CHECK(fabs((double)(u[j] - expected[j])) < (TEST_DOUBLE ? 1e-8 : 1e-3),
+			      "solve %d: u[%zu] %g, not %g", k, j, (double)u[j], (double)expected[j]);
 		}
 	}
 }

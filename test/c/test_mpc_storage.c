@@ -20,9 +20,11 @@ static void test_exact_storage_suffices(void) {
 	random_source random = random_seed(52);
 	static real Q[MOST_N * MOST_N], R[MOST_M * MOST_M], safe[MOST_M], low[MOST_M], high[MOST_M];
 	for (size_t round = 0; round < 200; round++) {
-		const size_t N = 1 + random_below(&random, round % 2 ? MOST_N : 3), m = 1 + random_below(&random, MOST_M),
+		const size_t N = 1 + random_below(&random, round % 2 ? MOST_N : 3),
+		             m = 1 + random_below(&random, MOST_M),
 		             H = 1 + random_below(&random, round % 2 ? 3 : MOST_H), n = 1 + random_below(&random, N);
-		real theta[(MOST_N + MOST_M) * KOOP_PAD(MOST_N)] = {0}, psi[MOST_N], reference[MOST_H * MOST_N], u[MOST_M];
+		real theta[(MOST_N + MOST_M) * KOOP_PAD(MOST_N)] = {0}, psi[MOST_N], reference[MOST_H * MOST_N],
+		                               u[MOST_M];
 		const int method = (int)(round / 2 % 2), rate = (int)(round / 4 % 2);
 		const size_t reals = (method == KOOP_MPC_NEWTON ? KOOP_MPC_REALS_NEWTON(N, n, m, H)
 		                                                : KOOP_MPC_REALS_GRADIENT(N, n, m, H)) +
@@ -33,7 +35,9 @@ static void test_exact_storage_suffices(void) {
 			low[j] = (real)-0.1;
 			high[j] = (real)0.1;
 		}
-		for (size_t row = 0; row < N + m; row++) { random_fill(&random, theta + row * KOOP_PAD(N), N, -0.5, 0.5); }
+		for (size_t row = 0; row < N + m; row++) {
+			random_fill(&random, theta + row * KOOP_PAD(N), N, -0.5, 0.5);
+		}
 		random_fill(&random, psi, N, -1, 1);
 		random_fill(&random, reference, H * n, -1, 1);
 		const KOOP(mpc_config) config = {N, n, m, H, Q, R, rate ? R : NULL, low, high, safe, 0, method};

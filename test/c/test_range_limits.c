@@ -34,7 +34,8 @@ static void test_unexcited_covariance_grows_to_half_of_the_range(void) {
 	}
 }
 
-/* One element of the root is at the end of the range after the first sample, and beyond it after the second. */
+/* One element of the root is at the end of the range after the first sample, and beyond it after the second.
+ */
 static void test_root_does_not_underflow(void) {
 	int status;
 	const real far = (real)(exp2(-0.4) / (double)REAL_MIN);
@@ -65,8 +66,8 @@ static void test_diagonal_that_cancels_is_refused(void) {
 	TEST_ASSERT_EQUAL_INT(KOOP_E_INDEFINITE, status);
 }
 
-/* After one sample of two equal regressors P is close to singular. What is taken stays positive definite with a
- * rounding less of its diagonal: so it is by itself, and not by the luck of how it was rounded. */
+/* After one sample of two equal regressors P is close to singular. What is taken stays positive definite with
+ * a rounding less of its diagonal: so it is by itself, and not by the luck of how it was rounded. */
 static void test_definite_by_less_than_a_rounding_is_refused(void) {
 	int refused = 0;
 	for (double part = 0.01; part < 100; part *= 1.03) {

@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from tinykoop.assure import mutants
+from tinykoop.assure import mutants, trial
 from tinykoop.assure.mutation import Mutant
 from tinykoop.assure.mutation import mutants as mutants_of
 from tinykoop.errors import UserError
@@ -233,7 +233,7 @@ def judged(monkeypatch):
     """Puts a verdict for all in place of builds and runs."""
 
     def use(verdict):
-        monkeypatch.setattr(mutants, "KERNELS", {})
+        monkeypatch.setattr(mutants, "prepare", list)
         monkeypatch.setattr(mutants, "judge", lambda mutant, kernels: verdict)
 
     return use
@@ -271,24 +271,25 @@ def tiny(monkeypatch, tmp_path):
     for folder in (lib / "src", lib / "include", build / "vectors"):
         folder.mkdir(parents=True)
     (lib / "src/a.c").write_text("int NAME(int x) {\n\treturn x + 1;\n}\n")
-    for precision in mutants.PRECISIONS:
+    for precision in trial.PRECISIONS:
         (lib / f"{precision}.c").write_text(f'#define NAME {precision}\n#include "src/a.c"\n')
         (lib / f"{precision}_guard.c").write_text("")
-    monkeypatch.setattr(mutants, "LIB", lib)
-    monkeypatch.setattr(mutants, "BUILD", build)
-    kernel = mutants.Kernel("vectors")
+    monkeypatch.setattr(trial, "LIB", lib)
+    monkeypatch.setattr(trial, "BUILD", build)
+    monkeypatch.setattr(trial, "WORK", build)
+    kernel = trial.Kernel("vectors")
     for unit in ("koopf", "koopf_guard", "koopd", "koopd_guard"):
         assert kernel.compile(lib, unit, kernel.folder)
     kernel.link(kernel.folder)
     program = kernel.folder / "test"
     main = "int koopd(int x); int main(void) { return koopd(2) != 3; }"
-    command = ["gcc", "-x", "c", "-", "-x", "none", str(kernel.folder / mutants.SHARED), "-o", str(program)]
+    command = ["gcc", "-x", "c", "-", "-x", "none", str(kernel.folder / trial.SHARED), "-o", str(program)]
     subprocess.run(command, input=main, text=True, check=True)
     kernel.limits = {"koopf": {}, "koopd": {program: 1}}
 
     def judge(returned):
         changed = Mutant("lib/src/a.c", "f", (lib / "src/a.c").read_text(), 18, 31, returned)
-        return mutants.judge(changed, [kernel])
+        return trial.judge(changed, [kernel])
 
     return judge
 

@@ -118,9 +118,8 @@ def run(out, n, seed, file=None):
         out / "mutants.json",
         {"mutants": total.total(), "killed": total["killed"], "equivalent": total["equivalent"], "survivors": rows},
     )
-    for mutant in survivors:
-        print(f"{mutant.place}: {mutant.before}\n    {mutant.after}")
+    lines = ["no test fails for:", *map(key, survivors)] if survivors else []
     if score(total) < MIN_SCORE:
-        low = f"{number(score(total))} % of the mutants are killed, less than {MIN_SCORE:g} %; no test fails for:"
-        raise UserError("\n".join([low, *map(key, survivors)]))
+        raise UserError("\n".join([f"{number(score(total))} % of the mutants are killed, less than {MIN_SCORE:g} %", *lines]))
+    print("\n".join(lines))
     return total

@@ -8,7 +8,7 @@ TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage fuzz static soak flips determinism flags sanitize amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -95,6 +95,9 @@ targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes a
 
 coverage: $(VENV)/ready ## lines, branches and MC/DC of lib/ that the C tests reach: coverage.json
 	@$(TINYKOOP) coverage
+
+mutants: $(VENV)/ready ## small faults put into lib/: how many the C tests find (N=, SEED=, or all of FILE=lib/src/mpc.c): mutants.json
+	@$(TINYKOOP) mutants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(FILE),--file "$(FILE)")
 
 fuzz: $(VENV)/ready ## libFuzzer on the CSV reader, every public call, sequences of calls (SECONDS= each): fuzz.json
 	@$(TINYKOOP) fuzz $(if $(SECONDS),--seconds "$(SECONDS)")

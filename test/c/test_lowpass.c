@@ -117,6 +117,7 @@ static void test_arguments(void) {
 	           {0.09, 100},
 	           {5, 0},
 	           {5, -100},
+	           {-5, -100},
 	           {(double)NAN, 100},
 	           {5, (double)NAN},
 	           {5, (double)INFINITY},

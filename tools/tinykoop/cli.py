@@ -48,6 +48,10 @@ def parser():
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
 
     add("coverage", "lines, branches and MC/DC of lib/ that the C tests reach")
+    mutants = add("mutants", "how many small faults put into lib/ the C tests find")
+    mutants.add_argument("--n", type=int, default=1000, help="mutants (default 1000)")
+    mutants.add_argument("--seed", type=int, default=1, help="which mutants (default 1)")
+    mutants.add_argument("--file", help="all mutants of this file instead, such as lib/src/mpc.c")
     fuzz = add("fuzz", "libFuzzer on the CSV reader, every public call, and sequences of calls")
     fuzz.add_argument("--seconds", type=float, default=60.0, help="for each target (default 60)")
     add("static", "clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/")
@@ -192,6 +196,10 @@ def dispatch(a):
         from .assure import flags
 
         flags.run(a.out, a.compiler)
+    elif a.command == "mutants":
+        from .assure import mutants
+
+        mutants.run(a.out, a.n, a.seed, a.file)
     elif a.command == "soak":
         from .assure import soak
 

@@ -82,7 +82,8 @@ static void test_two_bits_are_told_or_at_least_not_overlooked(void) {
 		e.rls = before;
 		memcpy(e.storage, kept, sizeof kept);
 	}
-	CHECK(told > trials * 99 / 100, "%zu of %zu told", told, trials);
+	/* the same bit of two words, in the same direction, can look like the next bit of a word between them: 1 in 64 */
+	CHECK(told > trials * 63 / 64, "%zu of %zu told", told, trials);
 }
 
 static void test_update_refuses_a_memory_that_it_cannot_mend(void) {

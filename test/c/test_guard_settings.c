@@ -44,7 +44,7 @@ static void test_defaults_are_those_of_the_header(void) {
 }
 
 static void test_settings_are_taken(void) {
-	const KOOP(guard_config) mine = {1, 2, 3, 4, 5, 6, 7, 8};
+	const KOOP(guard_config) mine = {1, 2, 3, 4, 5, 6, 7, 8, NULL};
 	CHECK_STATUS(KOOP_OK, start(&mine, own_state_each, low, high));
 	TEST_ASSERT_EQUAL_MEMORY(&mine, &guard.config, sizeof mine);
 }

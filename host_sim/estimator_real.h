@@ -170,7 +170,7 @@ static void SIM(free)(SIM(estimator) * e) {
 static void SIM(start_gate)(SIM(estimator) * e) {
 	size_t reals;
 	KOOP(rls_reals)(&e->rls.config, &reals);
-	KOOP(gate_init)(&e->gate, NULL, &e->rls, e->gate_storage, reals + 2 * e->rls.n_lifted);
+	KOOP(gate_init)(&e->gate, NULL, &e->rls, e->gate_storage, reals + 3 * e->rls.n_lifted);
 }
 
 static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {

@@ -252,7 +252,7 @@ def source(about):
 
 def prefixed(text, prefix):
     """The text with the prefix before every name that the library has in a program."""
-    text = re.sub(r"\b(?=koop[fd]_|tinykoop\.[ch])", prefix, text)
+    text = re.sub(r"\b(?=koop[fd]?_|tinykoop\.[ch])", prefix, text)
     return re.sub(r"\b(?=KOOP[FD]?_|TINYKOOP_H\b)", prefix.upper(), text)
 
 

@@ -61,7 +61,7 @@ int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const KOOP_REAL *psi,
 /* mpc_solve() in its place, with its arguments and status, on the model that is to
  * be trusted; guard.model says which. A plan that is not to be trusted is made
  * again on the next model in the same step: one solve as a rule, two where the
- * online model fails, three at most. KOOP_E_MEMORY, and the safe input, where more than one bit of the
+ * online model fails, three at most. KOOP_E_MEMORY, and the safe input of the last solve, where more than one bit of the
  * guard's models has flipped: start the guard again. */
 int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc, const KOOP_REAL *psi,
                         const KOOP_REAL *reference, const KOOP_REAL *u_before, KOOP_REAL *u,

@@ -11,10 +11,3 @@ static inline REAL_BITS bits_of(real a) {
 static inline int is_finite(real a) {
 	return (bits_of(a) & INFINITY_BITS) != INFINITY_BITS;
 }
-
-static inline int all_finite(const real *x, size_t n) {
-	for (; n > 0; n--, x++) {
-		if (!is_finite(*x)) { return 0; }
-	}
-	return 1;
-}

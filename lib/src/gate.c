@@ -29,8 +29,10 @@ static COLD int gate_config_check(const KOOP(gate_config) *c) {
 	return c->patience <= GATE_MOST && c->hold <= GATE_MOST ? KOOP_OK : KOOP_E_RANGE;
 }
 
-static COLD void gate_configure(KOOP(gate) *gate, const KOOP(gate_config) *c) {
-	gate->config = *c;
+/* `config` may be the gate's own. */
+static COLD void gate_configure(KOOP(gate) *gate, const KOOP(gate_config) *config) {
+	const KOOP(gate_config) defaults = {0, 0, 0, 0};
+	gate->config = config ? *config : defaults;
 	if (!(gate->config.multiple > 0)) { gate->config.multiple = GATE_MULTIPLE; }
 	if (gate->config.patience == 0) { gate->config.patience = GATE_PATIENCE; }
 	if (gate->config.hold == 0) { gate->config.hold = GATE_HOLD; }
@@ -78,7 +80,6 @@ static void gate_verify(KOOP(gate) *gate) {
 COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                          real *storage, size_t reals) {
 	size_t needed;
-	KOOP(gate_config) own = {0, 0, 0, 0}; /* a copy: `config` may be the gate's */
 	if (!gate || !rls || !rls->theta || !storage) { return KOOP_E_NULL; }
 	int status = gate_config_check(config);
 	if (status == KOOP_OK) { status = KOOP(rls_reals)(&rls->config, &needed); }
@@ -86,9 +87,8 @@ COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, cons
 	const size_t N = rls->n_lifted;
 	if (reals < needed + 3 * N) { return KOOP_E_STORAGE; }
 
-	if (config) { own = *config; }
-	(void)memset(gate, 0, sizeof *gate);
-	gate_configure(gate, &own);
+	gate_configure(gate, config);
+	(void)memset((unsigned char *)gate + sizeof gate->config, 0, sizeof *gate - sizeof gate->config);
 	(void)KOOP(rls_init)(&gate->saved, &rls->config, storage, needed);
 	take_over(&gate->saved, rls);
 	gate->usual = storage + needed;

@@ -366,12 +366,20 @@ static int learner_check(const KOOP(guard) *g, const KOOP(rls) *rls) {
 }
 
 /* Whether the learner is to be started again: it holds a P that is not positive definite, or has refused
- * one sample after the other. A single one that is refused leaves it as it was. */
+ * one sample after the other, or has not been trusted for long. A single sample that is refused leaves it as
+ * it was. */
 static int is_ruined(KOOP(guard) *g, int status, const KOOP(health) *seen) {
 	const int refused = status == KOOP_E_OVERFLOW || status == KOOP_E_INDEFINITE || status == KOOP_E_MEMORY;
 	if (status == KOOP_OK) { g->failed = 0; }
 	if (refused) { g->failed++; }
-	return g->failed >= g->config.patience || (status == KOOP_OK && !seen->positive_definite);
+	const int indefinite = status == KOOP_OK && !seen->positive_definite;
+	return indefinite || g->failed >= g->config.patience || g->distrusted >= g->config.renewal;
+}
+
+static int learn_sample(const KOOP(guard) *g, KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
+                        KOOP(health) *seen) {
+	return g->config.gate ? KOOP(gate_update)(g->config.gate, rls, psi, u, psi_next, seen)
+	                      : KOOP(rls_update)(rls, psi, u, psi_next, seen);
 }
 
 int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const real *psi, const real *u,
@@ -382,12 +390,11 @@ int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const real *psi, cons
 	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
 	real missed[3];
 	see_sample(guard, rls->theta, psi, u, psi_next, missed);
-	status = guard->config.gate ? KOOP(gate_update)(guard->config.gate, rls, psi, u, psi_next, &seen)
-	                            : KOOP(rls_update)(rls, psi, u, psi_next, &seen);
-	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return status; }
+	status = learn_sample(guard, rls, psi, u, psi_next, &seen);
+	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return status; } /* the gate is of another learner */
 	if (health) { *health = seen; }
 	if (status != KOOP_E_OUTLIER) { judge_sample(guard, missed); }
-	if (is_ruined(guard, status, &seen) || guard->distrusted >= guard->config.renewal) { renew(guard, rls); }
+	if (is_ruined(guard, status, &seen)) { renew(guard, rls); }
 	return status;
 }
 
@@ -412,6 +419,16 @@ static void look_back(KOOP(guard) *g, const real *psi) {
 	if (g->wait == 0 && !predicts_well(g)) { distrust(g); }
 }
 
+static void plan_step(KOOP(guard) *g, KOOP(mpc) *mpc, KOOP(request) *r) {
+	look_back(g, r->psi);
+	g->model = plan_on_best(g, mpc, r);
+	g->have_target = r->status == KOOP_OK;
+	if (blames_model(r->status)) {
+		keep_book(g, r->theta[ONLINE]);
+		copy(g->target, r->reference, g->n_states);
+	}
+}
+
 int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc, const real *psi,
                         const real *reference, const real *u_before, real *u, KOOP(mpc_result) *result) {
 	int status = learner_check(guard, rls);
@@ -427,13 +444,7 @@ int KOOP(guard_control)(KOOP(guard) *guard, const KOOP(rls) *rls, KOOP(mpc) *mpc
 		copy(u, mpc->u_safe, guard->n_inputs);
 		return KOOP_E_MEMORY;
 	}
-	look_back(guard, psi);
-	guard->model = plan_on_best(guard, mpc, &request);
-	guard->have_target = request.status == KOOP_OK;
-	if (blames_model(request.status)) {
-		keep_book(guard, rls->theta);
-		copy(guard->target, reference, guard->n_states);
-	}
+	plan_step(guard, mpc, &request);
 	if (result) { *result = request.result; }
 	return request.status;
 }

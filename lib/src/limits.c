@@ -80,6 +80,11 @@ static int take_limits(KOOP(mpc) *mpc) {
 	return KOOP_OK;
 }
 
+/* Only a flipped bit makes it another. */
+static signed char known_set(signed char set) {
+	return set >= -DROPPED && set <= DROPPED ? set : FREE;
+}
+
 /* An input that a limit held goes along with it; where that no longer is one, the input is free. */
 static void follow_limit(KOOP(mpc) *mpc, size_t q, size_t j) {
 	const real limit = mpc->set[q] > 0 ? mpc->u_max[j] : mpc->u_min[j];

@@ -71,7 +71,9 @@ static int try_newton(KOOP(mpc) *mpc, int in_box) {
 }
 
 static int have_factor(KOOP(mpc) *mpc) {
-	return mpc->factored ? KOOP_OK : factor_free(mpc);
+	if (mpc->factored) { return KOOP_OK; }
+	if (!mpc->fresh && !take_roots(mpc)) { return KOOP_E_INDEFINITE; } /* once in each solve */
+	return factor_free(mpc);
 }
 
 /* -step = Newton's, of those inputs only that it does not push against a bound that they
@@ -310,7 +312,7 @@ static void shift_plan(KOOP(mpc) *mpc) {
 	size_t rows = 0;
 	for (size_t q = V, j = 0; q-- > 0;) {
 		const size_t from = q < m ? q : q - m;
-		const signed char set = mpc->set[from];
+		const signed char set = known_set(mpc->set[from]);
 		if (mpc->set[q] != set) { mpc->factored = 0; }
 		mpc->set[q] = set;
 		j = j > 0 ? j - 1 : m - 1;

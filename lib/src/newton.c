@@ -247,7 +247,6 @@ static void count_free(KOOP(mpc) *mpc) {
 OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m, length = padded(V);
 	size_t lead, count = 0;
-	if (!mpc->fresh && !take_roots(mpc)) { return KOOP_E_INDEFINITE; } /* once in each solve */
 	count_free(mpc);
 	generate(mpc);
 	int status = factor_leading(mpc, &lead);
@@ -366,7 +365,7 @@ static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box
 		step[r] *= row[r];
 		const real from = v[q], to = from + step[r];
 		v[q] = in_box ? clip(to, mpc->u_min[j], mpc->u_max[j]) : to;
-		if (v[q] < to || v[q] > to) {
+		if (differs(v[q], to)) {
 			step[r] = v[q] - from;
 			inside = 0;
 		}

@@ -5,13 +5,17 @@ static COLD real trace_wanted(const KOOP(config) *c) {
 	return c->tau0 > 0 ? c->tau0 : c->p0 * (real)(c->dictionary->n_lifted + c->n_inputs);
 }
 
+static COLD int choices_in_range(const KOOP(config) *c) {
+	const int check = c->check >= KOOP_CHECK_REFUSE && c->check <= KOOP_CHECK_DIAGONAL;
+	return check && (c->checksum == 0 || c->checksum == 1);
+}
+
 static COLD int settings_in_range(const KOOP(config) *c) {
 	const int forgetting = c->lambda > 0 && c->lambda <= 1;
 	const int covariance =
 	    is_within(c->p0, REAL_MIN, REAL_MAX / 2) && c->tau0 >= 0 && trace_wanted(c) < REAL_MAX / 8;
-	const int check = c->check >= KOOP_CHECK_REFUSE && c->check <= KOOP_CHECK_DIAGONAL;
-	const int checksum = c->checksum == 0 || c->checksum == 1;
-	return forgetting && covariance && check && checksum && is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
+	const int thresholds = is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
+	return forgetting && covariance && thresholds && choices_in_range(c);
 }
 
 static COLD int config_check(const KOOP(config) *c) {
@@ -145,9 +149,7 @@ static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
 
 /* All that `from`, of the same kind, has learned. */
 static COLD void take_over(KOOP(rls) *rls, const KOOP(rls) *from) {
-	size_t reals = 0;
-	(void)KOOP(rls_reals)(&rls->config, &reals);
-	copy(rls->theta, from->theta, reals);
+	copy(rls->theta, from->theta, rls->kept);
 	rls->covariance_scale = from->covariance_scale;
 	rls->theta_bound = from->theta_bound;
 	rls->covariance_bound = from->covariance_bound;

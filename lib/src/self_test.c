@@ -1,11 +1,6 @@
 /* Whether arithmetic is what the library is written for, as this file was compiled and as the processor is set:
  * numbers that the compiler does not know go through the library's own functions. */
 
-/* 1 where the bits differ. */
-static COLD int differs(real a, real b) {
-	return bits_of(a) != bits_of(b);
-}
-
 static COLD int farther_than(real a, real b, real most) {
 	return !(MATH(fabs)(a - b) <= most);
 }

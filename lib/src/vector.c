@@ -15,8 +15,20 @@
 #define KERNEL OUT_OF_LINE HOT
 #endif
 
+static int all_finite(const real *x, size_t n) {
+	for (; n > 0; n--, x++) {
+		if (!is_finite(*x)) { return 0; }
+	}
+	return 1;
+}
+
 static int is_zero(real a) {
 	return (bits_of(a) & ~((REAL_BITS)1 << (8 * sizeof(real) - 1))) == 0;
+}
+
+/* 1 where the bits differ. */
+static int differs(real a, real b) {
+	return bits_of(a) != bits_of(b);
 }
 
 /* Of a setting; NaN is neither. */

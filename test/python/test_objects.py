@@ -104,9 +104,9 @@ def test_headers_are_cxx(tmp_path):
         static double storage64[KOOP_RLS_REALS_PLAIN(7, 2)];
         int main() {
             koopf_config single = {&koopf_rbf_ddr, 2, &koopf_reg_ct, &koopf_form_sqrt, 0.98f, 100, 0, 0, 0,
-                                   KOOP_CHECK_REFUSE};
+                                   KOOP_CHECK_REFUSE, 0};
             koopd_config both = {&koopd_poly_ddr, 2, &koopd_reg_ef, &koopd_form_plain, 0.98, 100, 0, 0, 0,
-                                 KOOP_CHECK_REFUSE};
+                                 KOOP_CHECK_REFUSE, 0};
             koopf_rls f;
             koopd_rls d;
             return koopf_rls_init(&f, &single, storage32, sizeof storage32 / sizeof *storage32) +

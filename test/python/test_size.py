@@ -35,7 +35,7 @@ def test_storage_of_a_learner_is_that_of_its_matrices():
     # Theta N x d and half of S d x d, in rows and tiles padded to four, and six vectors
     d = 14 + 2
     assert sim.storage(14, 3, 2, 50)["learner_sqrt"] == d * 16 + d * (d + 4) // 2 + 16 + 5 * d
-    assert sim.storage(14, 3, 2, 50)["gate_sqrt"] == sim.storage(14, 3, 2, 50)["learner_sqrt"] + 2 * 14
+    assert sim.storage(14, 3, 2, 50)["gate_sqrt"] == sim.storage(14, 3, 2, 50)["learner_sqrt"] + 3 * 14
     assert sim.storage(14, 3, 2, 50)["model"] == 14 * d
 
 

@@ -165,7 +165,7 @@ def test_flags_reach_lib_as_a_list_and_the_toolchain_keeps_its_linker_flags(monk
     monkeypatch.setattr(flags, "run_command", lambda *command: asked.append(command))
     flags.Tree("gcc", flags.HOST).configure(("-Ofast", "-Wall"), "-ffast-math")
     flags.Tree("arm-none-eabi-gcc", flags.EMULATED).configure(("-Ofast",))
-    assert "-DTINYKOOP_LIBRARY_FLAGS=-Ofast;-Wall" in asked[0] and "-DCMAKE_EXE_LINKER_FLAGS=-ffast-math" in asked[0]
+    assert "-DTINYKOOP_LIBRARY_FLAGS=-Ofast;-Wall;-Wfatal-errors" in asked[0] and "-DCMAKE_EXE_LINKER_FLAGS=-ffast-math" in asked[0]
     assert not any("EXE_LINKER_FLAGS" in str(word) for word in asked[1])
 
 

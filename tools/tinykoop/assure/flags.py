@@ -117,7 +117,8 @@ class Tree:
         return own | {"CMAKE_BUILD_TYPE": "Release", "CMAKE_C_FLAGS_RELEASE": flags, "TINYKOOP_TESTS": "ON", "TINYKOOP_HOST": "OFF"}
 
     def configure(self, flags=(), link=""):
-        options = self.options | {"TINYKOOP_LIBRARY_FLAGS": ";".join(flags)}
+        # stopped at the first error: the last lines, which are all that is kept, then hold it
+        options = self.options | {"TINYKOOP_LIBRARY_FLAGS": ";".join((*flags, "-Wfatal-errors"))}
         if self.target == HOST:  # the other's linker flags are its toolchain's
             options["CMAKE_EXE_LINKER_FLAGS"] = link
         run_command("cmake", "-S", ROOT, "-B", self.folder, *[f"-D{name}={value}" for name, value in options.items()])

@@ -197,7 +197,7 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	if (!e) { return fail("out of memory"); }
 	const size_t N = config.dictionary->n_lifted, n = config.dictionary->n_states, m = config.n_inputs;
 	e->storage = calloc(reals, sizeof(REAL));
-	e->gate_storage = calloc(reals + 2 * N, sizeof(REAL));
+	e->gate_storage = calloc(reals + 3 * N, sizeof(REAL));
 	e->vectors = calloc(3 * N + n + m, sizeof(REAL));
 	e->P = calloc((N + m) * (N + m), sizeof(double));
 	if (!e->storage || !e->gate_storage || !e->vectors || !e->P) {

@@ -133,10 +133,11 @@ static void gate_learn_usual(KOOP(gate) *gate, const real *error) {
 
 /* Likewise over a window; of each sample no more than the gate admits. The last term grows from nothing. */
 static void gate_learn_recent(KOOP(gate) *gate, const real *error) {
+	const size_t window = gate_window(gate);
 	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		const real square = error[i] * error[i], most = gate_most(gate, i);
 		const real seen = square < most ? square : max_of(most, REAL_EPSILON * square);
-		gate->recent[i] += (seen - gate->recent[i]) / (real)gate_window(gate);
+		gate->recent[i] += (seen - gate->recent[i]) / (real)window;
 	}
 }
 

@@ -4,7 +4,7 @@
 #if defined(__clang__)
 #pragma float_control(precise, on)
 #pragma STDC FP_CONTRACT OFF
-#if __clang_major__ >= 17 && defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "TinyKoop: add -fno-finite-math-only behind -ffast-math; Clang takes NaN from the arguments of functions"
 #endif
 #elif defined(__GNUC__)

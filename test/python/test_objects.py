@@ -89,10 +89,14 @@ def test_compiles_without_a_warning(compiled, compiler, unit, optimise):
 @pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("compiler", compilers)
-def test_refuses_to_compile_without_nan(tmp_path, compiler, unit, flag):
+def test_compiles_strictly_or_says_which_flag_to_add(tmp_path, compiler, unit, flag):
+    """GCC is told by the file itself. Clang cannot be told of arguments that are NaN."""
     command = [compiler, flag, f"-I{LIB / 'include'}", "-c", LIB / f"{unit}.c", "-o", tmp_path / "out.o"]
     done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode and "TinyKoop needs NaN" in done.stderr
+    if done.returncode:
+        (remedy,) = re.findall(r"TinyKoop: add (-\S+) behind", done.stderr)
+        done = subprocess.run([*command, remedy], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @needs["g++"]

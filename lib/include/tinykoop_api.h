@@ -156,6 +156,7 @@ typedef struct KOOP(rls) {
 	size_t n_regressors;        /* d = N + m */
 	size_t n_lifted_padded;     /* rows of theta are this long */
 	size_t n_regressors_padded; /* the vectors below are this long */
+	size_t kept;                /* reals that say what was learned, from theta on */
 	KOOP_REAL *theta;           /* Theta', d x N, zero in the padding */
 	KOOP_REAL *covariance;      /* the form's: what it keeps of P */
 	KOOP_REAL *zeta;            /* scratch: regressor, d */
@@ -170,7 +171,6 @@ typedef struct KOOP(rls) {
 	size_t mirrored;            /* plain form: the row that was made symmetric last */
 	int short_memory;           /* as in the health: a warning, known after rls_init() */
 	koop_checksum sum;          /* of theta, what is kept of P, and the three numbers above */
-	size_t kept;                /* reals that say what was learned, from theta on */
 	size_t mended;              /* flipped bits found and mended */
 } KOOP(rls);
 

@@ -71,9 +71,7 @@ static int try_newton(KOOP(mpc) *mpc, int in_box) {
 }
 
 static int have_factor(KOOP(mpc) *mpc) {
-	if (mpc->factored) { return KOOP_OK; }
-	if (!mpc->fresh && !take_roots(mpc)) { return KOOP_E_INDEFINITE; } /* once in each solve */
-	return factor_free(mpc);
+	return mpc->factored ? KOOP_OK : factor_free(mpc);
 }
 
 /* -step = Newton's, of those inputs only that it does not push against a bound that they
@@ -329,6 +327,15 @@ static int arguments_are_finite(const KOOP(mpc_config) *c, const real *psi, cons
 	       (!c->S || all_finite(u_before, c->n_inputs));
 }
 
+/* Newton's factors need the weights' roots, of the weights as they are now. */
+static int descend(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
+	if (mpc->config.method == KOOP_MPC_NEWTON) {
+		return take_roots(mpc) ? descend_newton(mpc, result) : KOOP_E_INDEFINITE;
+	}
+	descend_projected(mpc, result);
+	return KOOP_OK;
+}
+
 static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
                  const real *u_before, KOOP(mpc_result) *result) {
 	const KOOP(mpc_config) *c = &mpc->config;
@@ -338,11 +345,7 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	mpc->fresh = 0;
 	shift_plan(mpc);
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
-	if (c->method == KOOP_MPC_GRADIENT) {
-		descend_projected(mpc, result);
-	} else {
-		status = descend_newton(mpc, result);
-	}
+	if (result->residual > c->tolerance) { status = descend(mpc, result); }
 	if (status != KOOP_OK) { return status; }
 	/* the plan and behind it the gradient, which the residual need not show not to be finite */
 	return all_finite(mpc->plan, 2 * padded(c->horizon * c->n_inputs)) ? KOOP_OK : KOOP_E_OVERFLOW;

@@ -365,7 +365,7 @@ static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box
 		step[r] *= row[r];
 		const real from = v[q], to = from + step[r];
 		v[q] = in_box ? clip(to, mpc->u_min[j], mpc->u_max[j]) : to;
-		if (differs(v[q], to)) {
+		if (bits_differ(v[q], to)) {
 			step[r] = v[q] - from;
 			inside = 0;
 		}

@@ -11,17 +11,17 @@ static COLD int loses_nan(real zero) {
 	const real mixed[2] = {1, nan};
 	int wrong = is_within(nan, -1, 1) | is_within(inf, 0, REAL_MAX) | is_nonnegative(nan) | !is_nan(nan);
 	wrong |= is_finite(nan) | is_finite(inf) | all_finite(mixed, 2) | !(inf > REAL_MAX);
-	return wrong | differs(clip(nan, 2, 3), 2) | differs(max_of(zero, -inf), zero);
+	return wrong | bits_differ(clip(nan, 2, 3), 2) | bits_differ(max_of(zero, -inf), zero);
 }
 
 /* Sums keep their order, divisions are divisions, and each is rounded to the nearest. */
 static COLD int rounds_otherwise(real one) {
 	const real little = one * REAL_EPSILON * (real)0.375, more = one * REAL_EPSILON * (real)0.625;
-	int wrong = differs((one + little) - one, 0) | differs((one + more) - one, REAL_EPSILON);
-	wrong |= differs((-one - little) + one, 0) | differs((-one - more) + one, -REAL_EPSILON);
+	int wrong = bits_differ((one + little) - one, 0) | bits_differ((one + more) - one, REAL_EPSILON);
+	wrong |= bits_differ((-one - little) + one, 0) | bits_differ((-one - more) + one, -REAL_EPSILON);
 	/* a literal is rounded as a quotient is, and not to less than `real` */
-	wrong |= differs(3 * one / (10 * one), (real)0.3) | differs(one / (10 * one), (real)0.1);
-	return wrong | differs((one * REAL_MIN) * one, REAL_MIN);
+	wrong |= bits_differ(3 * one / (10 * one), (real)0.3) | bits_differ(one / (10 * one), (real)0.1);
+	return wrong | bits_differ((one * REAL_MIN) * one, REAL_MIN);
 }
 
 /* A sum in two parts holds what one part would lose. Where `real` is wide enough there is no second one. */

@@ -27,7 +27,7 @@ static int is_zero(real a) {
 }
 
 /* 1 where the bits differ. */
-static int differs(real a, real b) {
+static int bits_differ(real a, real b) {
 	return bits_of(a) != bits_of(b);
 }
 

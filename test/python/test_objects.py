@@ -94,8 +94,8 @@ def test_compiles_strictly_or_says_which_flag_to_add(tmp_path, compiler, unit, f
     command = [compiler, flag, f"-I{LIB / 'include'}", "-c", LIB / f"{unit}.c", "-o", tmp_path / "out.o"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
-        (remedy,) = re.findall(r"TinyKoop: add (-\S+) behind", done.stderr)
-        done = subprocess.run([*command, remedy], capture_output=True, text=True)
+        remedy = re.search(r"TinyKoop: add (-\S+) behind", done.stderr)
+        done = subprocess.run([*command, remedy[1]], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
 
 

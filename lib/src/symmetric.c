@@ -103,11 +103,10 @@ static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) 
 	if (i / 4 == j / 4) { M[KOOP_TRIANGLE_AT(j, i)] = value; }
 }
 
-/* There is only one half. */
+/* Likewise; only the tiles on the diagonal have an upper half. */
 static void symmetric_mirror(real *M, size_t i, size_t rows) {
-	(void)M;
-	(void)i;
 	(void)rows;
+	for (size_t j = i / 4 * 4; j < i; j++) { M[KOOP_TRIANGLE_AT(j, i)] = M[KOOP_TRIANGLE_AT(i, j)]; }
 }
 
 #endif

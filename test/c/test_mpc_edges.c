@@ -67,9 +67,32 @@ static void test_model_that_changes_at_every_solve(void) {
 	}
 }
 
+/* What the controller's memory holds before does not matter. */
+static void test_controller_in_memory_that_is_not_empty(void) {
+	random_source random = random_seed(22);
+	for (int round = 0; round < 40; round++) {
+		real theta[(N + M) * PADDED] = {0}, psi[N], reference[H * N], u[M], expected[M];
+		KOOP(mpc_config) config = settings();
+		config.method = round % 2;
+		for (size_t row = 0; row < N + M; row++) { random_fill(&random, theta + row * PADDED, N, -1, 1); }
+		random_fill(&random, psi, N, -1, 1);
+		random_fill(&random, reference, H * N, -1, 1);
+		memset(&mpc, 0xff, sizeof mpc);
+		memset(storage, 0xff, sizeof storage);
+		memset(&fresh, 0, sizeof fresh);
+		memset(fresh_storage, 0, sizeof fresh_storage);
+		start(&mpc, storage, &config);
+		start(&fresh, fresh_storage, &config);
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL));
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&fresh, theta, psi, reference, NULL, expected, NULL));
+		TEST_ASSERT_EQUAL_MEMORY(expected, u, sizeof u);
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_safe_input_on_a_bound);
 	RUN_TEST(test_model_that_changes_at_every_solve);
+	RUN_TEST(test_controller_in_memory_that_is_not_empty);
 	return UNITY_END();
 }

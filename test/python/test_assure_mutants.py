@@ -114,6 +114,7 @@ def test_declarations_and_returns_are_not_dropped(line):
 def test_arguments_are_swapped():
     assert {"f(b, a[1], c);", "f(a[1], c, b);"} <= after("f(a[1], b, c);")
     assert "KOOP(f)(g(y, z), x);" in after("KOOP(f)(x, g(y, z));")
+    assert "y = max_of(b, a);" not in after("y = max_of(a, b);")
     declared = "static real f(const real *x, size_t n) {"
     assert not after(declared, f"{declared}\n}}\n")
 

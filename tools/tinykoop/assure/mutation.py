@@ -13,6 +13,8 @@ from .csource import ASSIGNMENTS, ENDS, KEYWORDS, OPENING, PASTED, STEPS, TYPES,
 ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "%": "*", "<<": ">>", ">>": "<<", "&": "^", "^": "&"}
 COMPOUND = {"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*=", "&=": "^=", "^=": "&="}
 RELATIONAL = {"<": ("<=", ">="), "<=": ("<", ">"), ">": (">=", "<="), ">=": (">", "<"), "==": ("!=",), "!=": ("==",)}
+# Functions of lib/ that do not care about the order of two neighbouring arguments, with the first of these.
+SYMMETRIC = {"max_of": 0, "dot": 0, "clip": 0, "add_products": 1}
 LOGICAL = {"&&": ("||", "1"), "||": ("&&", "0")}  # the other one, and what stands for a side that is dropped
 
 
@@ -144,10 +146,10 @@ def arguments(code, i):
 
 def swapped_arguments(code):
     for i in range(len(code)):
-        if not code.called(i):
-            continue
-        for (a, b), (c, d) in zip(arguments(code, i), arguments(code, i)[1:]):
-            if not is_declaration(code, a) and not is_declaration(code, c):
+        function = code.called(i)
+        given = arguments(code, i) if function else []
+        for k, ((a, b), (c, d)) in enumerate(zip(given, given[1:])):
+            if k != SYMMETRIC.get(function) and not is_declaration(code, a) and not is_declaration(code, c):
                 one, two = (code.text[code.tokens[x].start : code.tokens[y].end] for x, y in ((a, b), (c, d)))
                 yield a, d, f"{two}, {one}"
 

@@ -377,6 +377,7 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 		if (trace->gated) { trace->gated[k] = health.gated; }
 		if (trace->trace) { trace->trace[k] = health.trace; }
 		if (trace->min_diagonal) { trace->min_diagonal[k] = health.min_diagonal; }
+		if (trace->trust) { trace->trust[k] = e->gated ? KOOP(gate_trust)(&e->gate) : -1; }
 		if (trace->positive_definite) {
 			trace->positive_definite[k] = SIM(positive_definite)(e, e->rls.positive_definite);
 		}

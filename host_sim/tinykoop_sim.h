@@ -182,6 +182,7 @@ typedef struct tk_trace {
 	int32_t *status;                  /* KOOP_OK or why the sample was refused; 1: not usable */
 	int32_t *gated;                   /* 1: P was left alone */
 	int32_t *positive_definite;       /* of P after the update, by a factorisation in double */
+	int32_t *trust;                   /* gate_trust() after the update; -1 without a gate */
 	double *trace, *min_diagonal;     /* of P, as the estimator reports them */
 	double *norm_a, *norm_b, *norm_p; /* Frobenius */
 	/* Theta and P before every transition k with k % every == 0, from k = 0 */

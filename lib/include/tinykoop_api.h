@@ -272,11 +272,12 @@ int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const KOOP_REAL *psi, co
                       const KOOP_REAL *psi_next, KOOP(health) *health);
 
 /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE: whether to control with what the learner knows.
- * Refuse: samples cannot be learned, P is not positive definite, or there have been so many outliers that
- * samples are taken whatever they say. Doubtful: an outlier, a model (the learner's or the saved one) that
- * predicts worse than usual, or what is usual is not known yet. KOOP_E_INPUT changes nothing here.
- * It becomes worse at once, and better by one step at the end of each window of 4 d samples in which
- * nothing spoke against it: from refuse to trusted in 8 d to 12 d samples after the last alarm. */
+ * Refuse: samples cannot be learned, P is not positive definite, or over a window of 4 d samples the mean
+ * square of the innovations is above 12 times the usual one. Doubtful: that is above 5 times, there was an
+ * outlier, samples are taken whatever they say, or what is usual is not known yet. KOOP_E_INPUT changes
+ * nothing here.
+ * It becomes worse at once, and better by one step at the end of each window in which nothing spoke against
+ * it: from refuse to trusted within 12 d samples after the last alarm. */
 int KOOP(gate_trust)(const KOOP(gate) *gate);
 
 /* ---- Low-pass ---------------------------------------------------------------- */

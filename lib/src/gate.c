@@ -14,6 +14,8 @@
 #define GATE_CONSISTENT ((real)1.5)   /* times the usual mean square, at most */
 #define GATE_BETTER ((real)1.05)      /* times smaller than the learner's: little by little would add up */
 #define GATE_BETTER_AGAIN ((real)1.2) /* likewise, where it has come back already */
+#define GATE_DOUBT 5                  /* times the usual mean square over a window: the model is doubtful */
+#define GATE_ALARM 12                 /* likewise: it is refused */
 #define GATE_MOST ((size_t)-1 / 2)
 
 /* What changes from sample to sample beside the mean squares: from `early` to before `sum`. */
@@ -231,10 +233,10 @@ static COLD int gate_regrets(const KOOP(gate) *gate) {
 
 /* By a sample alone. */
 static int gate_event(const KOOP(gate) *gate, const KOOP(rls) *rls, int status) {
-	const int known = gate->known > gate_window(gate);
+	const size_t window = gate_window(gate);
 	if (status != KOOP_OK && status != KOOP_E_OUTLIER) { return KOOP_REFUSE; }
-	if (gate->open > 0 || !rls->positive_definite) { return KOOP_REFUSE; }
-	return status == KOOP_OK && known ? KOOP_TRUSTED : KOOP_DOUBTFUL;
+	if (!rls->positive_definite || gate->strain > GATE_ALARM * (real)window) { return KOOP_REFUSE; }
+	return status == KOOP_OK && gate->open == 0 && gate->known > window ? KOOP_TRUSTED : KOOP_DOUBTFUL;
 }
 
 /* At once for the worse. */
@@ -246,8 +248,8 @@ static void gate_watch(KOOP(gate) *gate, const KOOP(rls) *rls, int status) {
 
 /* For the better by one step at the end of a window in which nothing spoke against it. */
 static COLD void gate_settle(KOOP(gate) *gate) {
-	const int consistent = gate_is_consistent(gate, gate->strain) && gate->doubted == 0;
-	if (!consistent && gate->worst == KOOP_TRUSTED) { gate->worst = KOOP_DOUBTFUL; }
+	const int doubtful = gate->strain > GATE_DOUBT * (real)gate->judged;
+	if (doubtful && gate->worst == KOOP_TRUSTED) { gate->worst = KOOP_DOUBTFUL; }
 	gate->trust = gate->worst < gate->trust ? gate->trust - 1 : gate->worst;
 	gate->worst = KOOP_TRUSTED;
 }
@@ -277,12 +279,15 @@ OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int statu
 	gate->saved_strain += gate_strain(gate, error, gate->usual);
 	if (gate->changed) { gate->past_strain += gate_strain(gate, rls->error, gate->before); }
 	gate->failed += status != KOOP_OK && status != KOOP_E_OUTLIER;
+	gate_watch(gate, rls, status);
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
 }
 
 static void gate_see(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
-	gate_watch(gate, rls, status);
-	if (status == KOOP_E_MEMORY) { return; } /* it says nothing of the sample */
+	if (status == KOOP_E_MEMORY) { /* it says nothing of the sample */
+		gate_watch(gate, rls, status);
+		return;
+	}
 	gate_count(gate, rls->error, status);
 	gate_compare(gate, rls, status, psi_next);
 }

@@ -595,20 +595,23 @@ static void test_an_outlier_is_doubted_for_a_window(void) {
 	TEST_ASSERT_EQUAL_INT(KOOP_TRUSTED, trust());
 }
 
-/* Refused at once when outliers are no longer few; trusted again 2 to 3 windows after the last alarm. */
+/* Refused within the window in which the sensor fails; trusted again by steps, within three windows after the
+ * last alarm. */
 static void test_a_fault_is_refused_and_trust_comes_back_by_steps(void) {
 	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
-	for (int k = 0; k < PATIENCE; k++) { spike(1); }
-	spike(1);
-	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, trust());
-	int samples[3] = {0, 0, 0};
+	int samples[3] = {0, 0, 0}, alarm = 0;
+	while (trust() != KOOP_REFUSE && alarm <= 2 * WINDOW) {
+		spike(1);
+		alarm++;
+	}
+	CHECK(alarm <= 2 * WINDOW, "no alarm after %d samples", alarm);
 	while (trust() != KOOP_TRUSTED && samples[0] + samples[1] + samples[2] < 1000) {
 		samples[trust()]++;
 		drive(1, NOISE, 1);
 	}
-	CHECK(samples[KOOP_REFUSE] > WINDOW && samples[KOOP_DOUBTFUL] >= WINDOW, "%d refused, %d doubtful",
+	CHECK(samples[KOOP_REFUSE] > 0 && samples[KOOP_DOUBTFUL] >= WINDOW, "%d refused, %d doubtful",
 	      samples[KOOP_REFUSE], samples[KOOP_DOUBTFUL]);
-	CHECK(samples[KOOP_REFUSE] + samples[KOOP_DOUBTFUL] < 8 * WINDOW, "%d refused, %d doubtful",
+	CHECK(samples[KOOP_REFUSE] + samples[KOOP_DOUBTFUL] < 6 * WINDOW, "%d refused, %d doubtful",
 	      samples[KOOP_REFUSE], samples[KOOP_DOUBTFUL]);
 }
 
@@ -634,7 +637,7 @@ static void test_indefinite_covariance_is_refused_trust(void) {
 
 static void test_noise_that_has_grown_is_doubted(void) {
 	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
-	drive(1, 2 * NOISE, 3 * WINDOW);
+	drive(1, 2.6 * NOISE, 3 * WINDOW);
 	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
 }
 

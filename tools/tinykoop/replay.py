@@ -125,6 +125,7 @@ def run_log(path, out, platform=None):
                 "delta": delta[method.dictionary] if gates else None,
                 "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online[method] else None,
                 "refused": int((trace["status"] < 0).sum()),
+                "trust": {name: float((trace["trust"][scored] == i).mean()) for i, name in enumerate(sim.TRUST)} if gate else None,
             }
         )
     with replacing(out / f"replay_{Path(path).stem}.json", rows):
@@ -162,11 +163,12 @@ def report(rows, log, scored):
                 " / ".join(str(v["refused"]) for v in (plain, root, gated) if v),
                 f"{100 * skip:.1f}" if skip is not None else "",
                 number(reference.get("final_P_fro")) if plain else "",
+                " / ".join(f"{100 * gated['trust'][name]:.1f}" for name in sim.TRUST[1:]) if gated else "",
             ]
         )
     print_table(
         f"Replay of {rows[0]['source']}: {len(log.t):,} rows at {1 / log.dt:.0f} Hz, {int(scored.sum()):,} steps scored",
-        ["method", "error f64", "f32 plain/f64", "f32 sqrt/f64", "behind gate/f64", "P lost, plain", "refused", "gated %", "final |P|"],
+        ["method", "error f64", "f32 plain/f64", "f32 sqrt/f64", "behind gate/f64", "P lost, plain", "refused", "gated %", "final |P|", "doubt / refuse %"],
         lines,
     )
 

@@ -75,6 +75,7 @@ class _Trace(ct.Structure):
         ("status", _INTS),
         ("gated", _INTS),
         ("positive_definite", _INTS),
+        ("trust", _INTS),
         ("trace", _DOUBLES),
         ("min_diagonal", _DOUBLES),
         ("norm_a", _DOUBLES),
@@ -513,7 +514,8 @@ class Controller:
 # ---- estimator -------------------------------------------------------------------------------
 
 # What a replay writes down, with one row for each transition.
-FLAGS = ("status", "gated", "positive_definite")
+FLAGS = ("status", "gated", "positive_definite", "trust")
+TRUST = ("trusted", "doubtful", "refuse")  # what `trust` counts
 TRACES = ("error", "predicted", "innovation", *FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
 
 

@@ -1,5 +1,6 @@
 """The snippets of README and docs work as they stand."""
 
+import json
 import re
 import subprocess
 import sys
@@ -85,3 +86,17 @@ def test_robot_of_ones_own(tmp_path):
     source.write_text(snippet)
     done = subprocess.run([sys.executable, source], capture_output=True, text=True, check=True)
     assert re.match(r"known \[\('yaw_gain', \{'b': -0\.(19|20)", done.stdout), done.stdout
+
+
+def test_assurance_names_files_that_exist():
+    """The page that says where each promise is kept."""
+    page = (ROOT / "docs/assurance.md").read_text()
+    named = re.findall(r"`((?:lib|test|examples)/[\w/]+\.(?:c|h|py))`", page)
+    assert len(named) > 25
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+
+
+def test_bill_of_materials_is_of_this_version():
+    version = re.search(r'KOOP_VERSION "(.*)"', (ROOT / "lib/include/tinykoop.h").read_text())[1]
+    bill = json.loads((ROOT / "sbom.spdx.json").read_text())
+    assert bill["name"].endswith(version) and bill["packages"][0]["versionInfo"] == version

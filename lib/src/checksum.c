@@ -32,14 +32,14 @@ static inline void checksum_add(koop_checksum *sum, const void *data, size_t cou
 }
 
 static inline int checksum_same(const koop_checksum *a, const koop_checksum *b) {
-	return a->words == b->words && a->places == b->places;
+	return ((a->words ^ b->words) | (a->places ^ b->places)) == 0;
 }
 
 /* Whether no more than a bit of the sums themselves has flipped: one of the words would have changed both. */
 static COLD int checksum_has_flipped(const koop_checksum *before, const koop_checksum *now) {
 	const uint64_t words = before->words ^ now->words, places = before->places ^ now->places;
 	const uint64_t bit = words | places;
-	return (words == 0 || places == 0) && (bit & (bit - 1)) == 0;
+	return ((words == 0) | (places == 0)) & ((bit & (bit - 1)) == 0);
 }
 
 /* Undoes the one flipped bit that makes the sum `now` where it was `before`; returns 0 where no single one
@@ -52,10 +52,10 @@ static COLD int checksum_mend(void *data, size_t words, size_t behind, const koo
 	uint64_t bit = more->words - less->words, distance = more->places - less->places;
 	const uint32_t flipped = (uint32_t)bit;
 	for (; bit > 1 && ((bit | distance) & 1) == 0; bit /= 2) { distance /= 2; }
-	if (bit != 1 || flipped == 0 || distance <= behind || distance > count) { return 0; }
+	if ((bit != 1) | (flipped == 0) | (distance <= behind) | (distance > count)) { return 0; }
 	const size_t i = count - (size_t)distance;
-	const uint32_t word = word_at(data, i), mended = word ^ flipped;
-	if (((word & flipped) != 0) != is_set) { return 0; }
+	const uint32_t word = word_at(data, i), fits = ((word & flipped) != 0) == is_set;
+	const uint32_t mended = word ^ (fits * flipped);
 	(void)memcpy((unsigned char *)data + 4 * i, &mended, sizeof mended);
-	return 1;
+	return (int)fits;
 }

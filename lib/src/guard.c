@@ -140,7 +140,7 @@ static void distrust(KOOP(guard) *g) {
 /* Starts the learner again; while it is trusted it keeps its Theta. */
 static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
 	if (g->model != ONLINE) {
-		const real *from = fallback(g) == LAST_GOOD ? g->last_good : g->offline;
+		const real *const models[] = {NULL, g->last_good, g->offline}, *from = models[fallback(g)];
 		g->error[ONLINE] = g->error[fallback(g)];
 		(void)KOOP(rls_copy_theta)(rls, from);
 	}
@@ -165,7 +165,7 @@ typedef struct KOOP(request) {
 /* Of a plan: a part of the narrowest range of an input. An input whose limits leave it hardly more room than
  * the solver can tell is fixed, and not judged. */
 static real residual_allowed(const KOOP(guard) *g, const KOOP(mpc) *mpc) {
-	const real solved = mpc->noise > mpc->config.tolerance ? mpc->noise : mpc->config.tolerance;
+	const real solved = mpc->noise + mpc->config.tolerance;
 	real allowed = (real)INFINITY;
 	for (size_t j = 0; j < g->n_inputs; j++) {
 		const real range = mpc->u_max[j] - mpc->u_min[j], part = g->config.most_residual * range;
@@ -369,7 +369,8 @@ static int learner_check(const KOOP(guard) *g, const KOOP(rls) *rls) {
  * one sample after the other, or has not been trusted for long. A single sample that is refused leaves it as
  * it was. */
 static int is_ruined(KOOP(guard) *g, int status, const KOOP(health) *seen) {
-	const int refused = status == KOOP_E_OVERFLOW || status == KOOP_E_INDEFINITE || status == KOOP_E_MEMORY;
+	const int refused =
+	    (status == KOOP_E_OVERFLOW) | (status == KOOP_E_INDEFINITE) | (status == KOOP_E_MEMORY);
 	if (status == KOOP_OK) { g->failed = 0; }
 	if (refused) { g->failed++; }
 	const int indefinite = status == KOOP_OK && !seen->positive_definite;

@@ -82,7 +82,7 @@ static int take_limits(KOOP(mpc) *mpc) {
 
 /* Only a flipped bit makes it another. */
 static signed char known_set(signed char set) {
-	return set >= -DROPPED && set <= DROPPED ? set : FREE;
+	return (signed char)(((set >= -DROPPED) & (set <= DROPPED)) * set);
 }
 
 /* An input that a limit held goes along with it; where that no longer is one, the input is free. */

@@ -144,7 +144,7 @@ static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
 	const int sizes = a->n_lifted == b->n_lifted && a->n_regressors == b->n_regressors;
 	const KOOP(config) *c = &a->config, *d = &b->config;
 	const int forms = c->form == d->form && c->regulator == d->regulator && c->check == d->check;
-	return sizes && forms && c->checksum == d->checksum;
+	return sizes && (forms & (c->checksum == d->checksum));
 }
 
 /* All that `from`, of the same kind, has learned. */

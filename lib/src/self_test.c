@@ -30,7 +30,7 @@ static COLD int loses_rest(real one) {
 	real sum = 1 / REAL_EPSILON, rest = 0;
 	add_product(&sum, &rest, a, a);
 	add_product(&sum, &rest, -sum, one);
-	return SPLIT > 0 && farther_than(sum + rest, 6 * REAL_EPSILON, REAL_EPSILON);
+	return (SPLIT > 0) & farther_than(sum + rest, 6 * REAL_EPSILON, REAL_EPSILON);
 }
 
 /* Sine, cosine and exponential, to less than two units of the last place. */

@@ -582,6 +582,18 @@ static void test_path_is_kept_without_limits(void) {
 	CHECK(w.online > 250 && l.error < 0.1, "online for %zu of 400 steps, %g m off", w.online, l.error);
 }
 
+/* Crossed limits say nothing of a model: the safe input, and the plan and the trust go on. */
+static void test_crossed_limits_are_no_fault_of_the_model(void) {
+	real reference[H * STATES] = {0}, u[M] = {7, 7};
+	begin_usual();
+	TEST_ASSERT_TRUE(drive(200).last_online == 199);
+	l.low[0] = 4;
+	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_control)(&l.guard, &l.rls, &l.mpc, l.psi, reference, NULL, u, NULL));
+	TEST_ASSERT_TRUE(u[0] >= 0 && u[0] <= 0 && u[1] >= 0 && u[1] <= 0);
+	l.low[0] = 0;
+	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
+}
+
 /* ---- the learner behind the guard ------------------------------------------------------------ */
 
 static int update_with(real first, KOOP(health) *health) {
@@ -715,6 +727,7 @@ int main(void) {
 	RUN_TEST(test_model_is_trusted_though_an_input_is_fixed);
 	RUN_TEST(test_path_is_kept_with_rate_limits);
 	RUN_TEST(test_path_is_kept_without_limits);
+	RUN_TEST(test_crossed_limits_are_no_fault_of_the_model);
 	RUN_TEST(test_one_huge_sample_costs_nothing);
 	RUN_TEST(test_learner_of_a_tiny_p0_is_started_again);
 	RUN_TEST(test_configuration_may_be_the_guard_s_own);

@@ -136,6 +136,33 @@ static void test_trace_that_cannot_be_brought_back(void) {
 	}
 }
 
+/* The trace is kept whatever is forgotten: 1 / lambda is no part of it, and need not fit the range. */
+static void test_constant_trace_with_strong_forgetting(void) {
+	for (int f = 0; f < FORMS; f++) {
+		const real zeta[2] = {(real)0.001, 0}, psi_next[1] = {0};
+		KOOP(health) health;
+		estimator_settings(&e, 1, 1, &KOOP(reg_ct), all_forms[f]);
+		e.config.lambda = 1 / REAL_MAX * 4096;
+		e.config.p0 = 8192;
+		estimator_start(&e);
+		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+		CHECK(fabs((double)health.trace / 16384 - 1) < 1e-4, "%s: trace %g", estimator_name(&e),
+		      (double)health.trace);
+	}
+}
+
+/* P's scale in the plain form may be the least number of the range, and no less. */
+static void test_scale_at_the_end_of_the_range(void) {
+	for (int below = 0; below < 2; below++) {
+		const real zeta[2] = {REAL_EPSILON, 0}, psi_next[1] = {0};
+		estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_plain));
+		e.config.p0 = 4;
+		e.config.tau0 = 8 * REAL_MIN * (below ? (real)0.75 : 1);
+		estimator_start(&e);
+		CHECK_STATUS(below ? KOOP_E_INDEFINITE : KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+	}
+}
+
 /* A trace that is to be kept, and P's at the start where none is given, are below an eighth of the range. */
 static void test_settings_at_the_end_of_the_range(void) {
 	static const struct {
@@ -164,6 +191,8 @@ int main(void) {
 	RUN_TEST(test_denominator_at_the_end_of_the_range);
 	RUN_TEST(test_denominator_of_nothing);
 	RUN_TEST(test_trace_that_cannot_be_brought_back);
+	RUN_TEST(test_constant_trace_with_strong_forgetting);
+	RUN_TEST(test_scale_at_the_end_of_the_range);
 	RUN_TEST(test_settings_at_the_end_of_the_range);
 	RUN_TEST(test_root_does_not_underflow);
 	return UNITY_END();

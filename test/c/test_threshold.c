@@ -35,6 +35,13 @@ static void test_one_score(void) {
 	}
 }
 
+/* What lies behind the scores does not take part, not even with a weight of nothing. */
+static void test_last_score_by_itself(void) {
+	real scores[3] = {1, 2, (real)NAN}, delta = -1;
+	CHECK_STATUS(KOOP_OK, KOOP(threshold)(scores, 2, 1, &delta));
+	check_near(delta, 2);
+}
+
 static void test_duplicates(void) {
 	/* ordered: 0 1 1 1 3 3; h = 5 eta */
 	static const struct {
@@ -108,6 +115,7 @@ int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_cases_computed_by_hand);
 	RUN_TEST(test_one_score);
+	RUN_TEST(test_last_score_by_itself);
 	RUN_TEST(test_duplicates);
 	RUN_TEST(test_refusals);
 	RUN_TEST(test_sorts_random_data);

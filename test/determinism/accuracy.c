@@ -90,12 +90,6 @@ static const struct {
     {"far-angle", error_of_far_angle, FAR, ANGLE_MOST},
 };
 
-static REAL_BITS bits_of(real x) {
-	REAL_BITS bits;
-	memcpy(&bits, &x, sizeof bits);
-	return bits;
-}
-
 static real real_of(REAL_BITS bits) {
 	real x;
 	memcpy(&x, &bits, sizeof x);

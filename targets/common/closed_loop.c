@@ -55,7 +55,7 @@ static void run(const koopf_dictionary *dictionary, const koopf_regulator *regul
 }
 
 int main(void) {
-	run(&koopf_poly_ddr, &koopf_reg_ef, &koopf_form_plain);
+	run(&koopf_poly_ddr, &koopf_reg_ct, &koopf_form_plain);
 	run(&koopf_rbf_ddr, &koopf_reg_ef, &koopf_form_sqrt);
 	run(&koopf_rbf_ddr, &koopf_reg_dz_cs, &koopf_form_sqrt);
 	return 0;

@@ -12,13 +12,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define SOLVES 200 /* of CONTROL, around the step where the slip begins */
-#define SOLVES_FROM (LEARN + CONTROL / 2 - SOLVES / 2)
+#define SAMPLES 200 /* of each call: updates from the start, solves around the step where the slip begins */
+#define SOLVES_FROM (LEARN + CONTROL / 2 - SAMPLES / 2)
 
 /* What was seen of one function. */
 typedef struct series {
 	const char *function;
-	uint32_t instructions[SOLVES];
+	uint32_t instructions[SAMPLES];
 	size_t count;
 	uint32_t stack; /* largest */
 } series;
@@ -36,7 +36,7 @@ static void must(int status) {
 }
 
 static void add(series *s, uint32_t instructions, uint32_t stack) {
-	if (s->count < SOLVES) { s->instructions[s->count++] = instructions; }
+	if (s->count < SAMPLES) { s->instructions[s->count++] = instructions; }
 	if (stack > s->stack) { s->stack = stack; }
 }
 
@@ -74,15 +74,15 @@ static int unless_outlier(int status) {
 	return status == KOOP_E_OUTLIER ? KOOP_OK : status;
 }
 
-/* The open-loop drive with an update at each step. */
-static void drive(int gated) {
+/* The open-loop drive of so many steps with an update at each. */
+static void drive(size_t steps, int gated) {
 	double pose[STATES] = {0, 0, 0};
 	float x[STATES], u[INPUTS];
 	koopf_health health;
 	lifts.count = updates.count = gated_updates.count = 0;
 	robot_measure(pose, x);
 	must(koopf_lift(a.config.dictionary, x, psi));
-	for (size_t k = 0; k < LEARN; k++) {
+	for (size_t k = 0; k < steps; k++) {
 		robot_command(k, u);
 		robot_step(pose, u, k);
 		robot_measure(pose, x);
@@ -110,21 +110,21 @@ static void measure_updates(const koopf_dictionary *dictionary) {
 	for (size_t f = 0; f < sizeof forms / sizeof *forms; f++) {
 		for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 			must(agent_start(&a, dictionary, regulators[r], forms[f].form, forms[f].check, 0));
-			drive(0);
+			drive(SAMPLES, 0);
 			report(&updates, dictionary->n_lifted, regulators[r]->name, forms[f].name);
 		}
 	}
 	for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 		must(agent_start(&a, dictionary, regulators[r], &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
 		must(koopf_gate_init(&gate, NULL, &a.rls, gate_storage, sizeof gate_storage / sizeof *gate_storage));
-		drive(1);
+		drive(SAMPLES, 1);
 		report(&gated_updates, dictionary->n_lifted, regulators[r]->name, "gate");
 	}
 	for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 		must(agent_start(&a, dictionary, regulators[r], &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
 		a.rls.config.checksum = 1;
 		must(koopf_rls_reset_covariance(&a.rls, a.rls.config.p0)); /* makes the first checksum */
-		drive(0);
+		drive(SAMPLES, 0);
 		report(&updates, dictionary->n_lifted, regulators[r]->name, "checksum");
 	}
 	report(&lifts, dictionary->n_lifted, "lift", "-");
@@ -149,16 +149,16 @@ enum { WARM, COLD, CONDENSE };
  * states and references. */
 static void measure_solves(const koopf_dictionary *dictionary, int kind) {
 	static const char *const names[] = {"warm", "cold", "condense"};
-	static float inputs[SOLVES][INPUTS];
+	static float inputs[SAMPLES][INPUTS];
 	const float tolerance = kind == CONDENSE ? 1e30f : 0;
 	double pose[STATES];
 	float x[STATES], u[INPUTS];
 	must(agent_start(&a, dictionary, &koopf_reg_dz_cs, &koopf_form_sqrt, KOOP_CHECK_REFUSE, tolerance));
-	drive(0);
+	drive(LEARN, 0);
 	robot_path(pose, path);
 	robot_measure(pose, x);
 	must(koopf_lift(dictionary, x, psi));
-	for (size_t k = 0; k < SOLVES; k++) {
+	for (size_t k = 0; k < SAMPLES; k++) {
 		const float *reference = path + k * STATES;
 		if (kind != WARM) { must(koopf_mpc_reset(&a.mpc)); }
 		MEASURE(&solves, koopf_mpc_solve(&a.mpc, a.rls.theta, psi, reference, NULL, u, NULL));
@@ -169,7 +169,7 @@ static void measure_solves(const koopf_dictionary *dictionary, int kind) {
 		must(koopf_rls_update(&a.rls, psi, u, psi_next, NULL));
 		memcpy(psi, psi_next, sizeof psi);
 	}
-	must_keep_path(pose, path + (SOLVES - 1) * STATES);
+	must_keep_path(pose, path + (SAMPLES - 1) * STATES);
 	report(&solves, dictionary->n_lifted, "mpc", names[kind]);
 }
 

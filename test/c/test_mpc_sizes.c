@@ -88,7 +88,7 @@ static wide cost(const wide *u) {
 /* No input a thousandth more or less, in the box, is better. */
 static void check_best(size_t round) {
 	real plan[MOST_H * MOST_M];
-	wide u[MOST_H * MOST_M];
+	wide u[MOST_H * MOST_M] = {0};
 	const size_t V = p.c.horizon * p.c.n_inputs;
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
 	for (size_t q = 0; q < V; q++) { u[q] = plan[q]; }

@@ -61,7 +61,7 @@ static koop_checksum gate_sum(const KOOP(gate) *gate) {
 	return sum;
 }
 
-static void gate_seal(KOOP(gate) *gate) {
+static OUT_OF_LINE void gate_seal(KOOP(gate) *gate) {
 	if (gate->saved.config.checksum) { gate->sum = gate_sum(gate); }
 }
 
@@ -283,7 +283,7 @@ OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int statu
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
 }
 
-static void gate_see(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
+static OUT_OF_LINE void gate_see(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
 	if (status == KOOP_E_MEMORY) { /* it says nothing of the sample */
 		gate_watch(gate, rls, status);
 		return;
@@ -303,7 +303,7 @@ static COLD int gate_replace(KOOP(gate) *gate, KOOP(rls) *rls) {
 }
 
 /* The gate and the learner as they were left, or a status. */
-static int gate_secure(KOOP(gate) *gate, KOOP(rls) *rls) {
+static OUT_OF_LINE int gate_secure(KOOP(gate) *gate, KOOP(rls) *rls) {
 	gate_verify(gate);
 	const int status = verify(rls);
 	return status == KOOP_E_MEMORY ? gate_replace(gate, rls) : status;

@@ -77,7 +77,7 @@ static koop_checksum sum_learned(const KOOP(rls) *rls) {
 }
 
 /* After every change. */
-static void seal(KOOP(rls) *rls) {
+static OUT_OF_LINE void seal(KOOP(rls) *rls) {
 	if (rls->config.checksum) { rls->sum = sum_learned(rls); }
 }
 
@@ -267,7 +267,7 @@ static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
 }
 
 /* Completes what was seen, for a caller that wants it. */
-static void report(KOOP(rls) *rls, int status, KOOP(health) *seen, KOOP(health) *health) {
+static OUT_OF_LINE void report(KOOP(rls) *rls, int status, KOOP(health) *seen, KOOP(health) *health) {
 	if (!health) { return; }
 	seen->finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
 	seen->short_memory = rls->short_memory;

@@ -265,16 +265,19 @@ static real evaluate(KOOP(mpc) *mpc, const real *v, real *gradient) {
 	return kkt_residual(mpc, v, gradient);
 }
 
-/* G' Q G of input j at step a */
-static real response_weight(const KOOP(mpc) *mpc, size_t a, size_t j) {
-	const size_t n = mpc->config.n_states;
-	real sum = 0;
+/* out[a] = G' Q G of input j at step a */
+static void response_weights(KOOP(mpc) *mpc, size_t j, real *out) {
+	const size_t n = mpc->config.n_states, H = mpc->config.horizon;
+	real *weighted = mpc->other;
+	for (size_t a = 0; a < H; a++) { out[a] = 0; }
 	for (size_t i = 0; i < n; i++) {
-		real weighted = 0;
-		for (size_t k = 0; k < n; k++) { weighted += mpc->config.Q[i * n + k] * markov_row(mpc, k, j)[a]; }
-		sum += weighted * markov_row(mpc, i, j)[a];
+		const real *Q = mpc->config.Q + i * n, *G = markov_row(mpc, i, j);
+		for (size_t a = 0; a < H; a++) { weighted[a] = 0; }
+		for (size_t k = 0; k < n; k++) {
+			if (!is_zero(Q[k])) { add_scaled(weighted, Q[k], markov_row(mpc, k, j), H); }
+		}
+		for (size_t a = 0; a < H; a++) { out[a] += weighted[a] * G[a]; }
 	}
-	return sum;
 }
 
 /* Condenses: Markov parameters, free response, diagonal of the Hessian. */
@@ -289,8 +292,9 @@ OUT_OF_LINE static int condense(KOOP(mpc) *mpc, const real *theta, const real *p
 		const real rate = c->S ? c->S[j * m + j] : 0;
 		real sum = c->R[j * m + j];
 		if (c->S) { mpc->u_before[j] = u_before[j]; }
+		response_weights(mpc, j, mpc->trial);
 		for (size_t a = 0; a < H; a++) {
-			sum += response_weight(mpc, a, j);
+			sum += mpc->trial[a];
 			const real diagonal = sum + (real)(a > 0 ? 2 : 1) * rate;
 			if (!is_finite(diagonal)) { return KOOP_E_OVERFLOW; }
 			if (!(diagonal >= REAL_MIN)) { return KOOP_E_INDEFINITE; } /* its inverse would not be finite */

@@ -86,12 +86,9 @@ static signed char known_set(signed char set) {
 }
 
 /* An input that a limit held goes along with it; where that no longer is one, the input is free. */
-static void follow_limit(KOOP(mpc) *mpc, size_t q, size_t j) {
-	const real limit = mpc->set[q] > 0 ? mpc->u_max[j] : mpc->u_min[j];
-	if (is_finite(limit)) {
-		mpc->plan[q] = limit;
-	} else {
-		mpc->set[q] = FREE;
-		mpc->factored = 0;
-	}
+static signed char follow_limit(signed char set, real low, real high, real *u) {
+	const real limit = set > 0 ? high : low;
+	if (set == FREE || !is_finite(limit)) { return FREE; }
+	*u = limit;
+	return set;
 }

@@ -303,21 +303,33 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	return KOOP(mpc_reset)(mpc);
 }
 
-/* The plan of the last solve and the limits that held it, one step on and inside the limits of this one; its
- * last input stands for two. */
-static void shift_plan(KOOP(mpc) *mpc) {
-	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
+/* Input j of the plan of the last solve and what held it, one step on and inside the limits of this one; its
+ * last step stands for two. Returns how many of it are in the factor. */
+static size_t shift_input(KOOP(mpc) *mpc, size_t j) {
+	const size_t m = mpc->config.n_inputs;
+	const real low = mpc->u_min[j], high = mpc->u_max[j];
+	real *plan = mpc->plan;
+	signed char *held = mpc->set;
+	int changed = 0;
 	size_t rows = 0;
-	for (size_t q = V, j = 0; q-- > 0;) {
+	for (size_t q = mpc->config.horizon * m + j; q >= m;) {
+		q -= m;
 		const size_t from = q < m ? q : q - m;
-		const signed char set = known_set(mpc->set[from]);
-		if (mpc->set[q] != set) { mpc->factored = 0; }
-		mpc->set[q] = set;
-		j = j > 0 ? j - 1 : m - 1;
-		mpc->plan[q] = clip(mpc->plan[from], mpc->u_min[j], mpc->u_max[j]);
-		if (set != FREE) { follow_limit(mpc, q, j); }
+		real u = clip(plan[from], low, high);
+		signed char set = held[from];
+		if (set != FREE) { set = follow_limit(known_set(set), low, high, &u); }
+		changed |= held[q] ^ set;
 		rows += in_factor(set);
+		held[q] = set;
+		plan[q] = u;
 	}
+	if (changed) { mpc->factored = 0; }
+	return rows;
+}
+
+static void shift_plan(KOOP(mpc) *mpc) {
+	size_t rows = 0;
+	for (size_t j = 0; j < mpc->config.n_inputs; j++) { rows += shift_input(mpc, j); }
 	if (rows != mpc->n_free) { mpc->factored = 0; } /* a bit of the storage has flipped */
 }
 

@@ -67,7 +67,7 @@ static COLD void give_numbers(KOOP(rls) *rls, const real *numbers) {
 	rls->covariance_bound = numbers[2];
 }
 
-static koop_checksum sum_learned(const KOOP(rls) *rls) {
+static OUT_OF_LINE koop_checksum sum_learned(const KOOP(rls) *rls) {
 	koop_checksum sum = {0, 0};
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
@@ -77,7 +77,7 @@ static koop_checksum sum_learned(const KOOP(rls) *rls) {
 }
 
 /* After every change. */
-static OUT_OF_LINE void seal(KOOP(rls) *rls) {
+static void seal(KOOP(rls) *rls) {
 	if (rls->config.checksum) { rls->sum = sum_learned(rls); }
 }
 
@@ -95,10 +95,13 @@ static COLD int mend_learned(KOOP(rls) *rls, const koop_checksum *now) {
 	return mended ? KOOP_OK : KOOP_E_MEMORY;
 }
 
-static int verify(KOOP(rls) *rls) {
-	if (!rls->config.checksum) { return KOOP_OK; }
+static OUT_OF_LINE int verify_learned(KOOP(rls) *rls) {
 	const koop_checksum now = sum_learned(rls);
 	return checksum_same(&now, &rls->sum) ? KOOP_OK : mend_learned(rls, &now);
+}
+
+static int verify(KOOP(rls) *rls) {
+	return rls->config.checksum ? verify_learned(rls) : KOOP_OK;
 }
 
 COLD int KOOP(rls_check)(KOOP(rls) *rls) {

@@ -29,7 +29,8 @@ static KERNEL void symmetric_add(real *restrict M, real sign, const real *restri
 /* Row i of the lower half becomes column i of the upper one: what a flipped bit has made different does not
  * stay so. */
 static void symmetric_mirror(real *M, size_t i, size_t rows) {
-	for (size_t j = 0; j < i; j++) { M[j * rows + i] = M[i * rows + j]; }
+	const real *row = M + i * rows, *diagonal = row + i;
+	for (real *column = M + i; column < diagonal; column += rows) { *column = *row++; }
 }
 
 static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) {

@@ -144,7 +144,7 @@ static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
 /* One row at each update, for all within d of them: what is read of P is symmetric again by then. */
 static void plain_mirror(KOOP(rls) *rls) {
 	const size_t rows = rls->n_regressors_padded, next = rls->mirrored + 1;
-	rls->mirrored = next < rows ? next : 0;
+	rls->mirrored = next < rls->n_regressors ? next : 0;
 	symmetric_mirror(rls->covariance, rls->mirrored, rows);
 	if (rls->config.regulator->needs_information) { symmetric_mirror(plain_inverse(rls), rls->mirrored, rows); }
 }
@@ -186,13 +186,14 @@ static COLD real plain_element(const KOOP(rls) *rls, size_t i, size_t j) {
 
 static void plain_diagonal(const KOOP(rls) *rls, real *diagonal) {
 	const size_t rows = rls->n_regressors_padded;
+	const real scale = rls->covariance_scale;
 	for (size_t i = 0; i < rows; i += 4) {
 		const real *tile = rls->covariance + symmetric_at(i, i, rows);
 		const size_t next = symmetric_at(1, 1, rows);
-		diagonal[i] = tile[0] * rls->covariance_scale;
-		diagonal[i + 1] = tile[next] * rls->covariance_scale;
-		diagonal[i + 2] = tile[2 * next] * rls->covariance_scale;
-		diagonal[i + 3] = tile[3 * next] * rls->covariance_scale;
+		diagonal[i] = tile[0] * scale;
+		diagonal[i + 1] = tile[next] * scale;
+		diagonal[i + 2] = tile[2 * next] * scale;
+		diagonal[i + 3] = tile[3 * next] * scale;
 	}
 }
 

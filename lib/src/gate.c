@@ -318,16 +318,17 @@ static int gate_check(const KOOP(gate) *g, const KOOP(rls) *rls) {
 
 int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                       KOOP(health) *health) {
-	KOOP(health) seen = {0, 0, 0, 0, 1, 1, 0, 0};
+	real innovation = 0;
+	int gated = 0;
 	int status = gate_check(gate, rls);
 	if (status != KOOP_OK) { return status; }
 	if (!psi || !u || !psi_next) { return KOOP_E_NULL; }
 
 	status = gate_secure(gate, rls);
-	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &seen.innovation); }
+	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &innovation); }
 	if (status == KOOP_OK && !gate_admits(gate, rls->error)) { status = KOOP_E_OUTLIER; }
-	if (status == KOOP_OK) { status = learn(rls, &seen); }
-	report(rls, status, &seen, health);
+	if (status == KOOP_OK) { status = learn(rls, innovation, &gated); }
+	report(rls, status, innovation, gated, health);
 	/* a sensor that is not there says nothing of the model */
 	if (status != KOOP_E_INPUT) { gate_see(gate, rls, status, psi_next); }
 	gate_seal(gate);

@@ -67,7 +67,7 @@ static COLD void give_numbers(KOOP(rls) *rls, const real *numbers) {
 	rls->covariance_bound = numbers[2];
 }
 
-static OUT_OF_LINE koop_checksum sum_learned(const KOOP(rls) *rls) {
+static koop_checksum sum_learned(const KOOP(rls) *rls) {
 	koop_checksum sum = {0, 0};
 	real numbers[KEPT_NUMBERS];
 	take_numbers(rls, numbers);
@@ -76,9 +76,13 @@ static OUT_OF_LINE koop_checksum sum_learned(const KOOP(rls) *rls) {
 	return sum;
 }
 
+static OUT_OF_LINE void seal_learned(KOOP(rls) *rls) {
+	rls->sum = sum_learned(rls);
+}
+
 /* After every change. */
 static void seal(KOOP(rls) *rls) {
-	if (rls->config.checksum) { rls->sum = sum_learned(rls); }
+	if (rls->config.checksum) { seal_learned(rls); }
 }
 
 /* Whether what was learned is as it was left, or is again. */
@@ -226,20 +230,20 @@ static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const r
 	return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
 }
 
-/* Theta and P by the innovation. */
-static GLUE int learn(KOOP(rls) *rls, KOOP(health) *health) {
+/* Theta and P by the innovation. *gated: P is left alone. */
+static GLUE int learn(KOOP(rls) *rls, real innovation, int *gated) {
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 1, 1};
 	real denominator, bound;
 
-	int status = rls->config.regulator->decide(rls, health->innovation, &step);
+	int status = rls->config.regulator->decide(rls, innovation, &step);
 	if (status != KOOP_OK) { return status; }
-	health->gated = !step.update_covariance;
+	*gated = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
 
 	status = compute_gain(rls, &step, &denominator);
 	if (status != KOOP_OK) { return status; }
-	if (!theta_stays_finite(rls, &step, health->innovation, &bound)) { return KOOP_E_OVERFLOW; }
+	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
 	if (step.update_covariance) {
 		status = rls->config.form->apply(rls, &step, denominator);
 		if (status != KOOP_OK) { return status; }
@@ -269,25 +273,27 @@ static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
 	health->min_diagonal = least;
 }
 
-/* Completes what was seen, for a caller that wants it. */
-static OUT_OF_LINE void report(KOOP(rls) *rls, int status, KOOP(health) *seen, KOOP(health) *health) {
+/* For a caller that wants it. */
+static OUT_OF_LINE void report(KOOP(rls) *rls, int status, real innovation, int gated, KOOP(health) *health) {
 	if (!health) { return; }
-	seen->finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
-	seen->short_memory = rls->short_memory;
-	seen->positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
-	see_diagonal(rls, seen);
-	*health = *seen;
+	health->innovation = innovation;
+	health->gated = gated;
+	health->finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
+	health->short_memory = rls->short_memory;
+	health->positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
+	see_diagonal(rls, health);
 }
 
 GLUE int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                           KOOP(health) *health) {
-	KOOP(health) seen = {0, 0, 0, 0, 1, 1, 0, 0};
+	real innovation = 0;
+	int gated = 0;
 	if (!rls || !rls->theta || !psi || !u || !psi_next) { return KOOP_E_NULL; }
 
 	int status = verify(rls);
-	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &seen.innovation); }
-	if (status == KOOP_OK) { status = learn(rls, &seen); }
-	report(rls, status, &seen, health);
+	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &innovation); }
+	if (status == KOOP_OK) { status = learn(rls, innovation, &gated); }
+	report(rls, status, innovation, gated, health);
 	return status;
 }
 

@@ -15,6 +15,11 @@ static size_t symmetric_step(size_t i, size_t rows) {
 	return rows + 1;
 }
 
+/* How many elements of row i are stored on either side of the diagonal. */
+static size_t symmetric_twice(size_t i) {
+	return i;
+}
+
 /* y = M x */
 static KERNEL void symmetric_times(real *restrict y, const real *restrict M, const real *restrict x,
                                    size_t rows) {
@@ -24,13 +29,6 @@ static KERNEL void symmetric_times(real *restrict y, const real *restrict M, con
 /* M += sign v v' */
 static KERNEL void symmetric_add(real *restrict M, real sign, const real *restrict v, size_t rows) {
 	add_outer(M, sign, v, v, rows, rows);
-}
-
-/* Row i of the lower half becomes column i of the upper one: what a flipped bit has made different does not
- * stay so. */
-static void symmetric_mirror(real *M, size_t i, size_t rows) {
-	const real *row = M + i * rows, *diagonal = row + i;
-	for (real *column = M + i; column < diagonal; column += rows) { *column = *row++; }
 }
 
 static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) {
@@ -47,6 +45,10 @@ static size_t symmetric_at(size_t i, size_t j, size_t rows) {
 static size_t symmetric_step(size_t i, size_t rows) {
 	(void)rows;
 	return diagonal_step(i);
+}
+
+static size_t symmetric_twice(size_t i) {
+	return i % 4;
 }
 
 /* y[0..3] += tile x[0..3] */
@@ -104,13 +106,13 @@ static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) 
 	if (i / 4 == j / 4) { M[KOOP_TRIANGLE_AT(j, i)] = value; }
 }
 
-/* Likewise; only the tiles on the diagonal have an upper half. */
-static void symmetric_mirror(real *M, size_t i, size_t rows) {
-	(void)rows;
-	for (size_t j = i / 4 * 4; j < i; j++) { M[KOOP_TRIANGLE_AT(j, i)] = M[KOOP_TRIANGLE_AT(i, j)]; }
-}
-
 #endif
+
+/* Row i becomes column i: what a flipped bit has made different does not stay so. */
+static void symmetric_mirror(real *M, size_t i, size_t rows) {
+	real *row = M + symmetric_at(i, i, rows), *column = row;
+	for (size_t count = symmetric_twice(i); count > 0; count--) { *(column -= symmetric_at(1, 0, rows)) = *--row; }
+}
 
 /* value I */
 static COLD void set_symmetric(real *M, real value, size_t d) {

@@ -8,6 +8,8 @@ static inline REAL_BITS bits_of(real a) {
 	return bits;
 }
 
+#define SIGN_BIT ((REAL_BITS)1 << (8 * sizeof(real) - 1))
+
 static inline int is_finite(real a) {
 	return (bits_of(a) & INFINITY_BITS) != INFINITY_BITS;
 }

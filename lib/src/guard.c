@@ -377,7 +377,7 @@ static int is_ruined(KOOP(guard) *g, int status, const KOOP(health) *seen) {
 	return indefinite || g->failed >= g->config.patience || g->distrusted >= g->config.renewal;
 }
 
-static int learn_sample(const KOOP(guard) *g, KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
+static int learn_sample(KOOP(guard) *g, KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                         KOOP(health) *seen) {
 	return g->config.gate ? KOOP(gate_update)(g->config.gate, rls, psi, u, psi_next, seen)
 	                      : KOOP(rls_update)(rls, psi, u, psi_next, seen);

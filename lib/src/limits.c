@@ -27,7 +27,7 @@ static void clip_all(const KOOP(mpc) *mpc, real *v) {
 }
 
 static int is_nan(real a) {
-	return !(a >= 0 || a <= 0);
+	return (bits_of(a) & ~SIGN_BIT) > INFINITY_BITS;
 }
 
 /* Whether limits leave a number to each input; the safe one need not be inside. NaN is refused as an input. */

@@ -23,7 +23,7 @@ static int all_finite(const real *x, size_t n) {
 }
 
 static int is_zero(real a) {
-	return (bits_of(a) & ~((REAL_BITS)1 << (8 * sizeof(real) - 1))) == 0;
+	return (bits_of(a) & ~SIGN_BIT) == 0;
 }
 
 /* 1 where the bits differ. */

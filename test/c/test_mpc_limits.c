@@ -194,6 +194,22 @@ static void test_safe_input_is_brought_inside_the_limits_of_the_solve(void) {
 	TEST_ASSERT_TRUE(u[0] >= low[0] && u[0] <= low[0]);
 }
 
+/* A flipped bit in what says which limit holds an input. */
+static void test_what_holds_an_input_may_be_unknown(void) {
+	static const signed char flipped[] = {5, -5, 64, -128, 3, -3};
+	for (size_t i = 0; i < sizeof flipped / sizeof *flipped; i++) {
+		real u[1], before[8], after[8];
+		start(KOOP_MPC_NEWTON);
+		CHECK_STATUS(KOOP_OK, solve(u));
+		CHECK_STATUS(KOOP_OK, solve(u));
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, before));
+		mpc.set[i] = flipped[i];
+		CHECK_STATUS(KOOP_OK, solve(u));
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, after));
+		for (size_t k = 0; k < 8; k++) { CHECK(fabs((double)(before[k] - after[k])) < 1e-5, "%g", (double)after[k]); }
+	}
+}
+
 /* Without limits the optimum is that of a linear system: the gradient vanishes. */
 static void test_infinite_means_no_limit(void) {
 	for (int method = KOOP_MPC_NEWTON; method <= KOOP_MPC_GRADIENT; method++) {
@@ -242,6 +258,7 @@ int main(int count, char **arguments) {
 	RUN_TEST(test_limits_that_move_between_solves_hold_with_the_gradient);
 	RUN_TEST(test_crossed_limits_are_refused_and_the_last_plan_is_kept);
 	RUN_TEST(test_safe_input_is_brought_inside_the_limits_of_the_solve);
+	RUN_TEST(test_what_holds_an_input_may_be_unknown);
 	RUN_TEST(test_infinite_means_no_limit);
 	RUN_TEST(test_weights_may_change_but_not_into_what_is_none);
 	return UNITY_END();

@@ -96,7 +96,7 @@ static void reflect(KOOP(mpc) *mpc, size_t j, size_t q) {
 
 /* Row k of a packed triangle begins at its own diagonal, which is kept inverted; from this
  * on it can be indexed by column. */
-static real *factor_row(const KOOP(mpc) *mpc, size_t k) {
+static INLINE real *factor_row(const KOOP(mpc) *mpc, size_t k) {
 	return mpc->factor + (k * mpc->n_free - k * (k + 1) / 2);
 }
 

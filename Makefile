@@ -114,8 +114,8 @@ flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, guard a
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
 	@$(TINYKOOP) determinism
 
-flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER= only one): flags.json
-	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)")
+flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER=, SET= only one): flags.json
+	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)") $(if $(SET),--set "$(SET)")
 
 sanitize: build c-tests ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
 	@$(TINYKOOP) sanitize

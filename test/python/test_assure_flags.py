@@ -249,3 +249,11 @@ def test_one_compiler_can_be_chosen_and_one_that_is_not_here_is_refused():
     assert flags.chosen(here, [flags.CROSS]) == here[1:]
     with pytest.raises(UserError, match="--compiler icc: not one of those that are here: gcc, arm-none-eabi-gcc"):
         flags.chosen(here, ["icc"])
+
+
+def test_one_set_can_be_chosen_and_one_that_nobody_compiles_with_is_refused():
+    sets = flags.read_sets(json.loads(flags.DATA.read_text()))
+    assert flags.named(sets, None) == sets
+    assert [chosen.name for chosen in flags.named(sets, ["PX4", "Betaflight"])] == ["PX4", "Betaflight"]
+    with pytest.raises(UserError, match="--set OpenPilot: not one of PX4, "):
+        flags.named(sets, ["OpenPilot"])

@@ -63,6 +63,7 @@ def parser():
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
     flags = add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
     flags.add_argument("--compiler", action="append", help="only this one of gcc, clang, clang-19, arm-none-eabi-gcc; may be given again")
+    flags.add_argument("--set", action="append", metavar="NAME", help="only these flags of test/flags/stacks.json, as PX4; may be given again")
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
 
     size = commands.add_parser("size", help="bytes and instructions of the library on a microcontroller, by your sizes")
@@ -195,7 +196,7 @@ def dispatch(a):
     elif a.command == "flags":
         from .assure import flags
 
-        flags.run(a.out, a.compiler)
+        flags.run(a.out, a.compiler, a.set)
     elif a.command == "mutants":
         from .assure import mutants
 

@@ -256,6 +256,14 @@ def chosen(available, compilers):
     return [tree for tree in available if not compilers or tree.compiler in compilers]
 
 
+def named(sets, names):
+    """The sets of these names; all where none is given."""
+    for name in names or ():
+        if name not in [flags.name for flags in sets]:
+            raise UserError(f"--set {name}: not one of {', '.join(flags.name for flags in sets)}")
+    return [flags for flags in sets if not names or flags.name in names]
+
+
 def every_row(available, sets):
     """Rows as they are done. A tree does its sets one after the other; trees are side by side."""
     done, stop = Queue(), Event()
@@ -307,14 +315,14 @@ def report(rows, data, missing):
         print(f"Not tried: {what}. On Debian: sudo apt-get install {packages}")
 
 
-def run(out, compilers=None):
+def run(out, compilers=None, names=None):
     """Writes flags.json into `out`; raises where a test fails under some flags."""
     need({"gcc": "gcc", "cmake": "cmake"})
     out, data = output_folder(out), json.loads(DATA.read_text())
-    available = chosen(trees(), compilers)
+    available, sets = chosen(trees(), compilers), named(read_sets(data), names)
     for tree in available:  # one after the other: the first may have to fetch Unity
         tree.configure()
-    rows = sorted(every_row(available, read_sets(data)), key=lambda row: (row["target"], row["compiler"]))
+    rows = sorted(every_row(available, sets), key=lambda row: (row["target"], row["compiler"]))
     rows += [self_test_row(tree.compiler) for tree in available if tree.target == HOST]
     write_json(out / "flags.json", rows)
     report(rows, data, missing_here())

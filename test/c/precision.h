@@ -15,6 +15,7 @@ typedef double real;
 #define REAL_MAX DBL_MAX
 #define REAL_MIN DBL_MIN
 #define MODEL_BYTES(N, m) KOOPD_MODEL_BYTES(N, m)
+#define MODEL_BYTES_P(N, m) KOOPD_MODEL_BYTES_P(N, m)
 #else
 typedef float real;
 #define KOOP(name) koopf_##name
@@ -23,6 +24,7 @@ typedef float real;
 #define REAL_MAX FLT_MAX
 #define REAL_MIN FLT_MIN
 #define MODEL_BYTES(N, m) KOOPF_MODEL_BYTES(N, m)
+#define MODEL_BYTES_P(N, m) KOOPF_MODEL_BYTES_P(N, m)
 #endif
 
 /* The long searches are divided by it where the processor is emulated, or the tests are run many times. */

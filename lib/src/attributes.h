@@ -10,6 +10,14 @@
 #define OUT_OF_LINE
 #endif
 
+/* Of sums in two parts: a product that is rounded must be so everywhere. GCC makes a * b + c one operation where
+ * the processor has it, but for -std=c99; Clang is told for all of a file (strict.h). */
+#if defined(__GNUC__) && !defined(__clang__)
+#define UNCONTRACTED __attribute__((optimize("fp-contract=off")))
+#else
+#define UNCONTRACTED
+#endif
+
 /* COLD: run once, or seldom. INLINE: part of a kernel. */
 #if defined(__GNUC__)
 #define COLD __attribute__((cold))

@@ -77,7 +77,7 @@ static real *markov_row(const KOOP(mpc) *mpc, size_t i, size_t j) {
 
 /* sum + rest = sum + rest + a x, with `rest` for what rounding takes away: Dekker's
  * product and Knuth's sum. */
-static void add_product(real *sum, real *rest, real a, real x) {
+static UNCONTRACTED void add_product(real *sum, real *rest, real a, real x) {
 #if SPLIT > 0
 	const real split_a = SPLIT * a, split_x = SPLIT * x, product = a * x;
 	const real a1 = split_a - (split_a - a), a2 = a - a1;
@@ -94,7 +94,7 @@ static void add_product(real *sum, real *rest, real a, real x) {
 
 /* change = A psi - psi. A robot's position is large against the way it goes in one
  * step, and a plan sees only the latter: in float32 the sum is kept in two parts. */
-static void first_change(const real *theta, const real *psi, size_t N, real *change, real *rest) {
+static UNCONTRACTED void first_change(const real *theta, const real *psi, size_t N, real *change, real *rest) {
 	for (size_t i = 0; i < N; i++) {
 		change[i] = -psi[i];
 		rest[i] = 0;

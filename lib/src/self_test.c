@@ -24,13 +24,20 @@ static COLD int rounds_otherwise(real one) {
 	return wrong | bits_differ((one * REAL_MIN) * one, REAL_MIN);
 }
 
-/* A sum in two parts holds what one part would lose. Where `real` is wide enough there is no second one. */
-static COLD int loses_rest(real one) {
-	const real a = one + 3 * REAL_EPSILON;
-	real sum = 1 / REAL_EPSILON, rest = 0;
+/* start + a^2 less that, as a sum in two parts has it */
+static COLD real rest_of_square(real start, real a, real one) {
+	real sum = start, rest = 0;
 	add_product(&sum, &rest, a, a);
 	add_product(&sum, &rest, -sum, one);
-	return (SPLIT > 0) & farther_than(sum + rest, 6 * REAL_EPSILON, REAL_EPSILON);
+	return sum + rest;
+}
+
+/* A sum in two parts holds what one part would lose. Where `real` is wide enough there is no second one. */
+static COLD int loses_rest(real one) {
+	const real of_sum = rest_of_square(one / REAL_EPSILON, one + 3 * REAL_EPSILON, one);
+	const real of_square = rest_of_square(0, one + one / 16 + 4 * REAL_EPSILON, one);
+	return (SPLIT > 0) & (farther_than(of_sum, 6 * REAL_EPSILON, REAL_EPSILON) |
+	                      farther_than(of_square, (16 * REAL_EPSILON - (real)0.5) * REAL_EPSILON, REAL_EPSILON / 64));
 }
 
 /* Sine, cosine and exponential, to less than two units of the last place. */

@@ -21,6 +21,7 @@ def tinykoop(*arguments, cwd=None):
         [sys.executable, "-m", "tinykoop.cli", *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
         env={**os.environ, "PYTHONPATH": str(ROOT / "tools")},
     )  # fmt: skip
+    assert "…" not in done.stdout, "a table is cut"
     return done.returncode, done.stderr
 
 

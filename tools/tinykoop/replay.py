@@ -168,8 +168,10 @@ def report(rows, log, scored):
         )
     print_table(
         f"Replay of {rows[0]['source']}: {len(log.t):,} rows at {1 / log.dt:.0f} Hz, {int(scored.sum()):,} steps scored",
-        ["method", "error f64", "f32 plain/f64", "f32 sqrt/f64", "behind gate/f64", "P lost, plain", "refused", "gated %", "final |P|", "doubt / refuse %"],
+        ["method", "error", "f32 plain", "f32 sqrt", "gate", "P lost", "refused", "gated", "final |P|", "doubt, refuse"],
         lines,
+        "error: in float64. f32 plain, f32 sqrt, gate: theirs over it. P lost: row at which the plain form is not positive"
+        " definite. refused: samples, plain / sqrt / gate. In % of samples: gated, P left alone; doubt, refuse, by gate_trust().",
     )
 
 

@@ -7,7 +7,8 @@ const char *KOOP(status_message)(int status);
 /* KOOP_E_ARITHMETIC where arithmetic is not that of IEEE 754 with NaN, to the nearest: because of how this was
  * compiled (the files ask for strict arithmetic themselves; a compiler may not know that), or because the
  * processor is set to another rounding. A few hundred instructions: call it once at boot, and do not fly
- * where it fails. It does not mind a * b + c in one operation, nor subnormal numbers that are taken for 0. */
+ * where it fails. It does not mind a * b + c in one operation where that is harmless, nor subnormal numbers that
+ * are taken for 0. */
 int KOOP(self_test)(void);
 
 /* ---- Dictionary: how a state is lifted ---------------------------------- */

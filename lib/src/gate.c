@@ -256,7 +256,6 @@ static COLD void gate_settle(KOOP(gate) *gate) {
 
 /* At the end of a window. */
 static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
-	if (verify(&gate->saved) != KOOP_OK) { take_over(&gate->saved, rls); }
 	gate_recall_usual(gate);
 	const int lost = gate->failed == gate->judged, regrets = gate_regrets(gate),
 	          believes = gate_believes(gate);
@@ -305,8 +304,9 @@ static COLD int gate_replace(KOOP(gate) *gate, KOOP(rls) *rls) {
 /* The gate and the learner as they were left, or a status. */
 static OUT_OF_LINE int gate_secure(KOOP(gate) *gate, KOOP(rls) *rls) {
 	gate_verify(gate);
-	const int status = verify(rls);
-	return status == KOOP_E_MEMORY ? gate_replace(gate, rls) : status;
+	if (verify(rls) != KOOP_OK) { return gate_replace(gate, rls); }
+	if (verify(&gate->saved) != KOOP_OK) { take_over(&gate->saved, rls); }
+	return KOOP_OK;
 }
 
 /* ---- Public ------------------------------------------------------------------- */

@@ -97,6 +97,15 @@ int estimator_update(estimator *e, const real *zeta, const real *psi_next, KOOP(
 	return KOOP(rls_update)(&e->rls, zeta, zeta + e->dictionary.n_lifted, psi_next, health);
 }
 
+void estimator_teach(estimator *e, random_source *random, int samples) {
+	for (int k = 0; k < samples; k++) {
+		real zeta[MAX_D], psi_next[MAX_N];
+		random_fill(random, zeta, e->rls.n_regressors, -1, 1);
+		random_fill(random, psi_next, e->rls.n_lifted, -1, 1);
+		CHECK_STATUS(KOOP_OK, estimator_update(e, zeta, psi_next, NULL));
+	}
+}
+
 const char *estimator_name(const estimator *e) {
 	static char text[60];
 	snprintf(text, sizeof text, "%s %s check %d", e->config.regulator->name, e->config.form->name,

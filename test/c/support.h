@@ -61,6 +61,8 @@ void estimator_default(estimator *e, size_t N, size_t m, const KOOP(regulator) *
                        const KOOP(form) *form);
 /* zeta = [psi; u] in one array */
 int estimator_update(estimator *e, const real *zeta, const real *psi_next, KOOP(health) *health);
+/* samples of random numbers, each of which must be learned */
+void estimator_teach(estimator *e, random_source *random, int samples);
 
 /* "sift sqrt", for messages */
 const char *estimator_name(const estimator *e);

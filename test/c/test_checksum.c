@@ -6,21 +6,12 @@ enum { N = 4, M = 2, D = N + M, ROWS = (D + 3) / 4 * 4 };
 
 static estimator e, twin;
 
-static void teach(estimator *one, random_source *random, int samples) {
-	for (int k = 0; k < samples; k++) {
-		real zeta[D], psi_next[N];
-		random_fill(random, zeta, D, -1, 1);
-		random_fill(random, psi_next, N, -1, 1);
-		CHECK_STATUS(KOOP_OK, estimator_update(one, zeta, psi_next, NULL));
-	}
-}
-
 static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, int checksum) {
 	random_source random = random_seed(91);
 	estimator_settings(&e, N, M, regulator, form);
 	e.config.checksum = checksum;
 	estimator_start(&e);
-	teach(&e, &random, 30);
+	estimator_teach(&e, &random, 30);
 }
 
 static void flip(void *word, size_t bit) {

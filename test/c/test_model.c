@@ -281,15 +281,6 @@ static void test_format_1_that_is_not_finite_is_refused(void) {
 
 static unsigned char with_covariance[BYTES_P + TRIANGLE];
 
-static void teach(estimator *e, random_source *random, int samples) {
-	for (int k = 0; k < samples; k++) {
-		real zeta[D], psi_next[N];
-		random_fill(random, zeta, D, -1, 1);
-		random_fill(random, psi_next, N, -1, 1);
-		CHECK_STATUS(KOOP_OK, estimator_update(e, zeta, psi_next, NULL));
-	}
-}
-
 /* As if there had been no stop: bit for bit in the root form, to rounding in the plain one, whose scale is
  * worked into P. */
 static void check_goes_on(const KOOP(regulator) *regulator, const KOOP(form) *form) {
@@ -298,7 +289,7 @@ static void check_goes_on(const KOOP(regulator) *regulator, const KOOP(form) *fo
 	learned one, other;
 	estimator_default(&from, N, M, regulator, form);
 	estimator_default(&to, N, M, regulator, form);
-	teach(&from, &random, 20);
+	estimator_teach(&from, &random, 20);
 	CHECK_STATUS(KOOP_E_STORAGE, KOOP(model_save_covariance)(&from.rls, with_covariance, size - 1));
 	CHECK_STATUS(KOOP_OK, KOOP(model_save_covariance)(&from.rls, with_covariance, size));
 	CHECK_STATUS(KOOP_OK, KOOP(model_load)(&to.rls, with_covariance, size));
@@ -307,8 +298,8 @@ static void check_goes_on(const KOOP(regulator) *regulator, const KOOP(form) *fo
 	CHECK(learned_same_theta(&one, &other, &to), "%s", estimator_name(&to));
 	CHECK(learned_same_covariance(&one, &other, &to), "%s", estimator_name(&to));
 	random_source again = random;
-	teach(&from, &random, 30);
-	teach(&to, &again, 30);
+	estimator_teach(&from, &random, 30);
+	estimator_teach(&to, &again, 30);
 	learned_take(&one, &from);
 	learned_take(&other, &to);
 	if (form == &KOOP(form_sqrt)) {
@@ -331,7 +322,7 @@ static void store_covariance(const KOOP(form) *form) {
 	random_source random = random_seed(78);
 	estimator_default(&from, N, M, &KOOP(reg_ef), form);
 	estimator_default(&to, N, M, &KOOP(reg_ef), form);
-	teach(&from, &random, 20);
+	estimator_teach(&from, &random, 20);
 	CHECK_STATUS(KOOP_OK, KOOP(model_save_covariance)(&from.rls, with_covariance, BYTES_P));
 }
 

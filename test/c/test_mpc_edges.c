@@ -50,7 +50,8 @@ static void test_safe_input_on_a_bound(void) {
 /* A model that has nothing to do with the one before is planned on as if it were the first. */
 static void test_model_that_changes_at_every_solve(void) {
 	random_source random = random_seed(21);
-	const KOOP(mpc_config) config = settings();
+	KOOP(mpc_config) config = settings();
+	config.tolerance = 8 * REAL_EPSILON; /* so that both are at the optimum, but for round-off */
 	start(&mpc, storage, &config);
 	for (int k = 0; k < 200; k++) {
 		real theta[(N + M) * PADDED] = {0}, psi[N], reference[H * N], u[M], expected[M];
@@ -61,7 +62,7 @@ static void test_model_that_changes_at_every_solve(void) {
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL));
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&fresh, theta, psi, reference, NULL, expected, NULL));
 		for (size_t j = 0; j < M; j++) {
-			CHECK(fabs((double)(u[j] - expected[j])) < (TEST_DOUBLE ? 1e-8 : 3e-3),
+			CHECK(fabs((double)(u[j] - expected[j])) < (TEST_DOUBLE ? 1e-8 : 1e-3),
 			      "solve %d: u[%zu] %g, not %g", k, j, (double)u[j], (double)expected[j]);
 		}
 	}

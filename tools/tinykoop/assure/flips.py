@@ -84,7 +84,7 @@ def failures(rows):
     for (what, use), group in groups(rows).items():
         name = f"{what}, {USES[use]}"
         silent, trials = total(group, "silent"), total(group, "trials")
-        if use in PROTECTED and silent > max(1, MAX_SILENT * trials):  # one alone says nothing of a share
+        if use in PROTECTED and silent > MAX_SILENT * trials:
             lines.append(f"{name}: {silent} of {trials} flipped bits are silent ({example(group, 'silent')})")
         if use in PROTECTED and total(group, "for_ever"):
             lines.append(f"{name}: {total(group, 'for_ever')} of {trials} are refused for ever ({example(group, 'for_ever')})")

@@ -359,8 +359,9 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
 	if (result->residual > c->tolerance) { status = descend(mpc, result); }
 	if (status != KOOP_OK) { return status; }
-	/* the plan and behind it the gradient, which the residual need not show not to be finite */
-	return all_finite(mpc->plan, 2 * padded(c->horizon * c->n_inputs)) ? KOOP_OK : KOOP_E_OVERFLOW;
+	/* the plan and behind it the gradient: none of the three need show that another is not finite */
+	const int finite = is_finite(result->residual) && all_finite(mpc->plan, 2 * padded(c->horizon * c->n_inputs));
+	return finite ? KOOP_OK : KOOP_E_OVERFLOW;
 }
 
 static int is_ready(const KOOP(mpc) *mpc, const real *u_before) {

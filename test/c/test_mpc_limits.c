@@ -232,6 +232,21 @@ static void test_infinite_means_no_limit(void) {
 	}
 }
 
+/* An input that costs next to nothing, with no upper limit: the step to the optimum is beyond range. */
+static void test_optimum_beyond_range_is_refused(void) {
+	const real weak = (real)sqrt((double)REAL_MIN) / 16, cheap[1] = {4 * REAL_MIN};
+	const real model[2 * 4] = {1, 0, 0, 0, weak, 0, 0, 0}, far[1] = {1000 / weak};
+	for (int method = KOOP_MPC_NEWTON; method <= KOOP_MPC_GRADIENT; method++) {
+		const KOOP(mpc_config) config = {1, 1, 1, 1, one, cheap, NULL, low, high, safe, 0, method};
+		real u[1];
+		low[0] = safe[0] = -1;
+		high[0] = (real)INFINITY;
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
+		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(mpc_solve)(&mpc, model, here, far, NULL, u, NULL));
+		TEST_ASSERT_TRUE(u[0] >= -1 && u[0] <= -1);
+	}
+}
+
 static void test_weights_may_change_but_not_into_what_is_none(void) {
 	static real Q[4] = {1, 0, 0, 1}, R[1] = {1};
 	static const real A[3 * 4] = {1, 0, 0, 0, 0, 1, 0, 0, 1, 1, 0, 0}, psi[2] = {0, 0};
@@ -260,6 +275,7 @@ int main(int count, char **arguments) {
 	RUN_TEST(test_safe_input_is_brought_inside_the_limits_of_the_solve);
 	RUN_TEST(test_what_holds_an_input_may_be_unknown);
 	RUN_TEST(test_infinite_means_no_limit);
+	RUN_TEST(test_optimum_beyond_range_is_refused);
 	RUN_TEST(test_weights_may_change_but_not_into_what_is_none);
 	return UNITY_END();
 }

@@ -1,0 +1,251 @@
+"""Which effects: ranked by columns that cost no pass, the few that matter fitted by simulation, taken in one by one."""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from .problem import Cause, Fit
+
+MOST = 4  # effects of one explanation
+SINGLES, PAIRS = 4, 2  # that are fitted in full in each round
+ITERATIONS = 6
+TRUE_STEP = 1e-2  # of a parameter's usual size, by which columns are differentiated
+WALD = 4.0  # robust t that an effect has to reach
+GRID = np.geomspace(0.25, 4, 33)  # sizes tried of what has no slope, over the first one
+PATTERN = (0.06, 0.02, 0.007)
+ALIKE = 0.98  # cosine of columns that are one class
+
+
+@dataclass(frozen=True)
+class Candidate:
+    name: str
+    params: tuple
+    column: np.ndarray
+
+
+class Finder:
+    def __init__(self, problem):
+        self.problem = problem
+        self.price = np.log(problem.degrees) + 2 * np.log(max(len(problem.effects), 2))
+        self.base = problem.fit_of(())
+        self.heat = 1.0
+
+    # ---- candidates --------------------------------------------------------------------------------------
+
+    def candidates(self, fit):
+        """Every effect that is not in `fit`, at its first sizes, as columns beside it."""
+        problem, trials, about = self.problem, [], []
+        for name, effect in problem.effects.items():
+            if name in fit.names:
+                continue
+            for size in effect.begins:
+                params = tuple(float(np.clip(size * p.usual, p.low, p.high)) for p in effect.parameters)
+                trials.append((*fit.causes, Cause(name, params)))
+                about.append((name, params))
+        columns = problem.columns(trials) if trials else np.zeros((len(fit.left), 0))
+        beside = problem.columns([fit.causes])[:, :1] if fit.causes else 0.0
+        return [Candidate(name, params, column) for (name, params), column in zip(about, (columns - beside).T)]
+
+    def ranked(self, fit, found):
+        """Singles and pairs of candidates by what their columns explain of what `fit` leaves."""
+        J = self.jacobian(fit)
+        Q = np.linalg.svd(J, full_matrices=False)[0] if J.shape[1] else np.zeros((len(fit.left), 0))
+        free = lambda c: c - Q @ (Q.T @ c)  # noqa: E731
+        left, columns = free(fit.left), np.stack([free(c.column) for c in found], 1)
+        size = np.linalg.norm(columns, axis=0)
+        shows = size > 1.0
+        unit = columns / np.maximum(size, 1e-12)
+        along = unit.T @ left
+        allowed = np.array([self._wanted(c, a / max(s, 1e-12)) for c, a, s in zip(found, along, size)]) & shows
+        gain = np.where(allowed, along**2, 0.0)
+        best = {}
+        for i in np.argsort(-gain):
+            if gain[i] > 0 and found[i].name not in best:
+                best[found[i].name] = i
+        order = sorted(best.values(), key=lambda i: -gain[i])
+        singles = [(found[i],) for i in order[:SINGLES]]
+        gram, pairs = unit.T @ unit, []
+        for i, j in combinations(order[:24], 2):
+            g = gram[i, j]
+            if g * g < 0.99:
+                both = (along[i] ** 2 + along[j] ** 2 - 2 * g * along[i] * along[j]) / (1 - g * g)
+                pairs.append((both, (found[i], found[j])))
+        pairs = [pair for both, pair in sorted(pairs, key=lambda p: -p[0])[:PAIRS] if both > max(gain) + self.price]
+        return [*singles, *pairs]
+
+    def _wanted(self, candidate, size):
+        """Whether the column helps with a sign that its parameter may have."""
+        low = self.problem.effects[candidate.name].parameters[0].low
+        return size > 0 or low < 0
+
+    # ---- fitting -------------------------------------------------------------------------------------------
+
+    def jacobian(self, fit):
+        """d left / d parameter (n, p), in usual sizes, by the slopes."""
+        problem, trials, sizes = self.problem, [], []
+        for i, cause in enumerate(fit.causes):
+            for k, p in enumerate(problem.effects[cause.name].parameters):
+                h = TRUE_STEP * abs(p.usual)
+                h = -h if cause.params[k] + h > p.high else h
+                params = (*cause.params[:k], cause.params[k] + h, *cause.params[k + 1 :])
+                trials.append((*fit.causes[:i], replace(cause, params=params), *fit.causes[i + 1 :]))
+                sizes.append(h / abs(p.usual))
+        if not trials:
+            return np.zeros((len(fit.left), 0))
+        columns = problem.columns([fit.causes, *trials])
+        return -(columns[:, 1:] - columns[:, :1]) / np.array(sizes)
+
+    def vector(self, causes):
+        spec = [p for c in causes for p in self.problem.effects[c.name].parameters]
+        z = np.array([v for c in causes for v in c.params]) / [abs(p.usual) for p in spec]
+        low, high = (np.array([getattr(p, end) / abs(p.usual) for p in spec]) for end in ("low", "high"))
+        return z, low, high
+
+    def split(self, causes, z):
+        out, i = [], 0
+        for cause in causes:
+            spec = self.problem.effects[cause.name].parameters
+            params = tuple(float(np.clip(v * abs(p.usual), p.low, p.high)) for v, p in zip(z[i : i + len(spec)], spec))
+            out.append(replace(cause, params=params))
+            i += len(spec)
+        return tuple(out)
+
+    def refine(self, fit, iterations=ITERATIONS):
+        """Damped Gauss-Newton; each step is judged by a pass."""
+        damping = 1e-3
+        for _ in range(iterations):
+            if not fit.causes or not np.isfinite(fit.cost):
+                break
+            J, (z, low, high) = self.jacobian(fit), self.vector(fit.causes)
+            gram, slope = J.T @ J, J.T @ fit.left
+            free = ~(((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < 1e-9))
+            if not free.any():
+                break
+            A = gram[np.ix_(free, free)]
+            better = None
+            for _ in range(3):
+                move = np.zeros_like(z)
+                move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
+                limit = np.maximum(1.0, np.abs(z))
+                trial = self.problem.fit_of(self.split(fit.causes, z + np.clip(move, -limit, limit)))
+                if trial.cost < fit.cost:
+                    better, damping = trial, damping / 5
+                    break
+                damping = max(damping * 30, 1e-2)
+            if better is None:
+                break
+            gained, fit = fit.cost - better.cost, better
+            if gained < max(0.3, 1e-4 * fit.cost):
+                break
+        return fit
+
+    def sized(self, fit, i):
+        """`fit` with cause i, of which no slope tells the size, at the best of many sizes: by columns, then by passes."""
+        name, problem = fit.causes[i].name, self.problem
+        (p,) = problem.effects[name].parameters
+        sizes = np.clip(fit.causes[i].params[0] * GRID, p.low, p.high)
+        trials = [(*fit.causes[:i], Cause(name, (float(v),)), *fit.causes[i + 1 :]) for v in sizes]
+        columns = problem.columns([(), *trials])
+        base = problem.whiten(problem.rollouts.missed(problem.Y)) + columns[:, 0]
+        costs = ((base[:, None] - columns[:, 1:]) ** 2).sum(0)
+        for i in np.argsort(costs)[:2]:
+            trial = problem.fit_of(trials[i])
+            fit = trial if trial.cost < fit.cost else fit
+        return fit
+
+    def _patterned(self, fit):
+        """Sizes that no slope tells, a little larger and smaller."""
+        for size in PATTERN:
+            for i, cause in enumerate(fit.causes):
+                if self.problem.effects[cause.name].threshold:
+                    (p,) = self.problem.effects[cause.name].parameters
+                    for factor in (1 + size, 1 / (1 + size)):
+                        moved = replace(cause, params=(float(np.clip(cause.params[0] * factor, p.low, p.high)),))
+                        trial = self.problem.fit_of((*fit.causes[:i], moved, *fit.causes[i + 1 :]))
+                        if trial.cost < fit.cost:
+                            fit = trial
+                            break
+        return fit
+
+    def add(self, fit, group):
+        """`fit` with the candidates of a group, each first at the best of the sizes seen, then fitted."""
+        fit = self.problem.fit_of((*fit.causes, *(Cause(c.name, self._first(fit, c)) for c in group)))
+        for i, cause in enumerate(fit.causes):
+            if self.problem.effects[cause.name].threshold:
+                fit = self.sized(fit, i)
+        return self.refine(fit)
+
+    def _first(self, fit, candidate):
+        """Parameters scaled by how much of the column the residual holds, where the effect is linear in them."""
+        effect = self.problem.effects[candidate.name]
+        if len(effect.begins) > 1 or len(effect.parameters) > 1:
+            return candidate.params
+        scale = float(candidate.column @ fit.left) / max(float(candidate.column @ candidate.column), 1e-12)
+        return tuple(float(np.clip(v * scale, p.low, p.high)) for v, p in zip(candidate.params, effect.parameters))
+
+    # ---- what pays -------------------------------------------------------------------------------------------
+
+    def worth(self, fit):
+        """Cost over the noise, with a price for each effect."""
+        return fit.cost / self.heat + self.price * len(fit.causes)
+
+    def wald(self, fit):
+        """Robust t (p,) of each parameter: windows count as one observation each."""
+        J = self.jacobian(fit)
+        W = len(self.problem.rollouts.starts)
+        by_window = (J * fit.left[:, None]).reshape(W, -1, J.shape[1]).sum(1)
+        inverse = np.linalg.pinv(J.T @ J, rcond=1e-10)
+        spread = inverse @ (by_window.T @ by_window) @ inverse
+        return self.vector(fit.causes)[0] / np.sqrt(np.maximum(np.maximum(np.diag(spread), np.diag(inverse) * self.heat), 1e-300))
+
+    # ---- the search ------------------------------------------------------------------------------------------
+
+    def learn_noise(self, fit):
+        """Noise that all columns together cannot explain. Costs are others then."""
+        problem = self.problem
+        columns = [self.jacobian(fit), np.stack([c.column for c in self.candidates(fit)], 1), problem.whiten(problem.generic())]
+        problem.learn_noise(fit.left, np.concatenate(columns, 1))
+        return problem.fit_of(fit.causes)
+
+    def settle(self, fit):
+        """Slopes, step of time and noise anew about `fit`."""
+        problem = self.problem
+        problem.linearise(fit.causes)
+        fit = self.learn_noise(problem.fit_of(fit.causes))
+        finer, before = 1.0 - problem.finer, problem.finer
+        problem.finer = finer
+        other = self.refine(problem.fit_of(fit.causes), 2)
+        if other.cost < fit.cost - self.price:
+            return self.learn_noise(other)
+        problem.finer = before
+        return self.refine(fit, 3)
+
+    def run(self):
+        """The causes that are worth most."""
+        fit = self.base = self.settle(self.base)
+        while len(fit.causes) < MOST:
+            fits = [self.add(fit, group) for group in self.ranked(fit, self.candidates(fit))]
+            better = min(fits, key=self.worth, default=fit)
+            if self.worth(better) >= self.worth(fit):
+                break
+            names = set(fit.names)
+            fit = self.eliminate(self.settle(self._patterned(better)))
+            if set(fit.names) <= names:
+                break
+        return self.eliminate(fit)
+
+    def eliminate(self, fit):
+        """Takes out what does not pay, or what only a few windows ask for."""
+        while fit.causes:
+            weak = np.flatnonzero(np.abs(self.wald(fit)) < WALD) if all(len(c.params) == 1 for c in fit.causes) else []
+            weak = [i for i in weak if not self.problem.effects[fit.causes[i].name].threshold]
+            if len(weak):
+                fit = self.refine(self.problem.fit_of(fit.causes[: weak[0]] + fit.causes[weak[0] + 1 :]), 3)
+                continue
+            rests = [self.refine(self.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3) for i in range(len(fit.causes))]
+            best = min(rests, key=self.worth)
+            if self.worth(best) > self.worth(fit):
+                break
+            fit = best
+        return fit

@@ -1,0 +1,220 @@
+"""The log as a least-squares problem: whitened residuals of windows, their starts eliminated, and columns of effects.
+
+Columns come from the slopes along the nominal windows and cost no pass of the simulator.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import effects as library
+from .rollouts import Rollouts
+
+FINER = 4  # steps in the place of one, by which it is seen whether the simulator's own step of time is short enough
+START = 1e3  # spreads of a measured state, by which its start may be off: it is free
+HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
+SETTLED, TURNS = 0.9, 3  # share of the misfit that another turn of starts must leave at most; turns
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect with its parameters."""
+
+    name: str
+    params: tuple
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Causes and what they leave; cost is its sum of squares, whitened and without the starts."""
+
+    causes: tuple
+    cost: float
+    left: np.ndarray = field(repr=False, compare=False)
+
+    @property
+    def names(self):
+        return tuple(c.name for c in self.causes)
+
+
+class Problem:
+    def __init__(self, robot, log, rows, without=()):
+        self.robot, self.log = robot, log
+        self.rollouts = Rollouts(robot, log, rows)
+        self.context = library.Context(robot, log)
+        self.sigma = _differences(log, robot)
+        self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
+        self.finer = 0.0  # share of what a shorter step of time would change, that counts as the simulator's
+        self.linearise(())
+        self.velocities = velocity_like(self.slopes, log.dt)
+        found = library.library(self.context, self.velocities, self.rollouts.spread)
+        self.effects = {name: effect for name, effect in found.items() if name not in without}
+
+    # ---- simulation --------------------------------------------------------------------------------------
+
+    def action(self, causes):
+        """What the simulator is given."""
+        action = self.rollouts.idle()
+        for cause in causes:
+            action = self.effects[cause.name].act(cause.params, action, self.context)
+        return action
+
+    def linearise(self, causes):
+        """Slopes along the windows with `causes`, from starts that are settled on the way."""
+        self.at, before = self.action(causes) if causes else self.rollouts.idle(), np.inf
+        for _ in range(TURNS + 1):
+            self.X, self.Y = self.rollouts.run(self.at)
+            self._step_finer()
+            self.slopes = self.rollouts.slopes(self.X, self.at)
+            self._eliminate()
+            missed = self.rollouts.missed(self.Y)
+            cost = float((self.whiten(missed) ** 2).sum())
+            raw = float(np.nansum((missed / self.sigma) ** 2))
+            if raw < 2.0 * cost or cost > SETTLED * before:
+                break
+            before = cost
+            self._settle(missed)
+
+    def _step_finer(self):
+        """What shorter steps of time change of the predictions, as long as these change little."""
+        self.rollouts.substeps = FINER
+        with np.errstate(all="ignore"):
+            self.shift = np.nan_to_num(self.rollouts.run(self.at)[1] - self.Y)
+        self.rollouts.substeps = 1
+        self.Y = self.Y + self.finer * self.shift
+
+    def _eliminate(self):
+        """What of a window's residual its start can make: directions (W, r, n) and by how much each is held back."""
+        S = self.sensed(self.slopes.starts()) / self.sigma[None, None, :, None] * self.prior
+        S = np.where(np.isfinite(self.rollouts.measured)[..., None], S, 0.0)
+        flat = S.reshape(len(S), -1, S.shape[-1])
+        self._U, self._s, self._Vt = np.linalg.svd(flat, full_matrices=False)
+        self._keep = 1 - 1 / np.sqrt(1 + self._s**2)
+        self.degrees = int(np.isfinite(self.rollouts.measured).sum()) - float((self._s**2 / (1 + self._s**2)).sum())
+
+    def _settle(self, missed):
+        """Moves the starts to where the residual is smallest, by the slopes."""
+        r = np.nan_to_num(missed / self.sigma).reshape(len(missed), -1)
+        gain = np.einsum("wri,wr->wi", self._U, r) * self._s / (1 + self._s**2)
+        self.rollouts.x0 = self.rollouts.x0 + np.einsum("wij,wi->wj", self._Vt, gain) * self.prior
+
+    def sensed(self, Z):
+        """Channels of state changes Z (.., n, q)."""
+        return np.moveaxis(self.robot.sense(np.moveaxis(Z, -1, 0), np.zeros((Z.shape[-1], *Z.shape[:-2], len(self.robot.commands)))), 0, -1)
+
+    # ---- residuals -----------------------------------------------------------------------------------------
+
+    def whiten(self, missed):
+        """Residuals (W, H + 1, c) or (W, H + 1, c, q) as (n,) or (n, q) of unit variance, without what starts can make."""
+        columns = missed if missed.ndim == 4 else missed[..., None]
+        scaled = np.where(np.isfinite(self.rollouts.measured)[..., None], columns, 0.0) / self.sigma[:, None]
+        flat = scaled.reshape(len(scaled), -1, scaled.shape[-1])
+        along = self._keep[..., None] * np.einsum("wri,wrq->wiq", self._U, flat)
+        flat = flat - self._U @ along
+        return flat.reshape(-1, flat.shape[-1]) if missed.ndim == 4 else flat.reshape(-1)
+
+    def fit_of(self, causes):
+        """The Fit of causes, by one pass."""
+        causes = tuple(causes)
+        with np.errstate(all="ignore"):
+            _, Y = self.rollouts.run(self.action(causes))
+            missed = self.rollouts.missed(Y + self.finer * self.shift)
+        if not np.isfinite(np.where(np.isfinite(self.rollouts.measured), missed, 0.0)).all():
+            return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf))
+        left = self.whiten(missed)
+        return Fit(causes, float(left @ left), left)
+
+    # ---- noise -----------------------------------------------------------------------------------------------
+
+    def learn_noise(self, left, columns):
+        """Scales sigma by what is left of each channel once `columns` (n, q) have taken all that they can."""
+        Q, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12), full_matrices=False)
+        Q = Q[:, s > 1e-6 * s[0]]
+        rest = (left - Q @ (Q.T @ left)).reshape(self.rollouts.measured.shape)
+        seen = np.isfinite(self.rollouts.measured)
+        degrees = seen.sum((0, 1)) * (self.degrees - Q.shape[1]) / seen.sum()
+        self.sigma = self.sigma * np.sqrt((rest**2).sum((0, 1)) / np.maximum(degrees, 1))
+        self._eliminate()
+
+    # ---- columns without a pass ------------------------------------------------------------------------------
+
+    def pushes(self, actions):
+        """What actions add to each step of the linearised windows (W, H, n, q)."""
+        index, dt = self.rollouts.index[:, :-1], self.log.dt
+        x, u = self.X[:, :-1], self.at.u[index]
+        W, H, n = x.shape
+        out = np.zeros((W, H, n, len(actions)))
+        for q, action in enumerate(actions):
+            if action.u is not self.at.u:
+                out[..., q] += np.einsum("whnm,whm->whn", self.slopes.B, action.u[index] - u)
+            if len(action.params):
+                out[..., q] += self.slopes.G @ (action.params - self.at.params)
+            out[..., q] += self.slopes.C * (action.clock - self.at.clock)
+            for push, sign in ((action.push, 1), (self.at.push, -1)):
+                if push is not None and action.push is not self.at.push:
+                    flat = push(x.reshape(-1, n), u.reshape(W * H, -1))
+                    out[..., q] += sign * dt * np.broadcast_to(flat, (W * H, n)).reshape(W, H, n)
+        return out
+
+    def generic(self):
+        """What pushes by plain functions of states and commands make of the channels (W, H + 1, c, q); names them."""
+        pushed = self.velocities or range(len(self.robot.states))
+        u = self.at.u[self.rollouts.index[:, :-1]]
+        found = features(self.robot, self.log, self.X[:, :-1], u, self.rollouts.spread)
+        W, H, n = self.X[:, :-1].shape
+        self.generic_names = [(name, self.robot.states[i].name) for name, _ in found for i in pushed]
+        out = np.zeros((W, H, n, len(self.generic_names)))
+        for q, (values, i) in enumerate((values, i) for _, values in found for i in pushed):
+            out[:, :, i, q] = values * GENERIC * self.rollouts.spread.x[i] * self.log.dt
+        return self.sensed(self.slopes.carry(out))
+
+    def columns(self, trials):
+        """Whitened columns (n, q): how predictions change from the linearised ones to those of each trial's causes."""
+        actions = [self.action(causes) for causes in trials]
+        Z = self.slopes.carry(self.pushes(actions))
+        out = np.empty((*self.Y.shape, len(actions)))
+        for q, action in enumerate(actions):
+            X = self.X + Z[..., q]
+            out[..., q] = self.rollouts.sense(X, action) + self.finer * self.shift - self.Y
+        return self.whiten(out)
+
+
+GENERIC = 2.0  # spreads of a signal in a second, that a generic push makes
+
+
+def features(robot, log, x, u, spread):
+    """[(what it is of, values (W, H))]: plain functions of states and commands, of size one."""
+    named = [("constant", np.ones(x.shape[:2]))]
+    angles = [i for i, s in enumerate(robot.states) if s.wraps]
+    signals = [(s.name, x[..., i] / spread.x[i]) for i, s in enumerate(robot.states) if i not in angles]
+    signals += [(s.name, u[..., j] / spread.u[j]) for j, s in enumerate(robot.commands)]
+    for i in angles:
+        named += [(f"sin {robot.states[i].name}", np.sin(x[..., i])), (f"cos {robot.states[i].name}", np.cos(x[..., i]))]
+    for name, v in signals:
+        named += [(name, v), (f"{name} |{name}|", v * np.abs(v)), (f"sign of {name}", np.tanh(v / 0.1))]
+    for a, (one, v) in enumerate(signals):
+        named += [(f"{one} {two}", v * w) for two, w in signals[a + 1 :]]
+    return named
+
+
+def _differences(log, robot):
+    """Standard deviation (c,) of each channel's noise: of its third differences where motion is smooth, an upper bound."""
+    out = []
+    for c, channel in enumerate(robot.channels):
+        y = np.unwrap(log.y[:, c]) if channel.wraps else log.y[:, c]
+        d = np.diff(y, 3)
+        d = d[np.isfinite(d)]
+        size = np.median(np.abs(d - np.median(d))) / 0.6745 / np.sqrt(20) if len(d) else 0.0
+        out.append(max(size, 1e-6 * np.nanmax(np.abs(y)), 1e-12))
+    return np.array(out)
+
+
+def velocity_like(slopes, dt):
+    """States that are the rate of others: one step moves those by dt per unit, whatever the state."""
+    n, found = slopes.A.shape[2], []
+    for i in range(n):
+        others = [q for q in range(n) if q != i]
+        moved = np.linalg.norm(slopes.A[..., others, i], axis=-1) if others else np.zeros(1)
+        if np.mean(np.abs(moved / dt - 1) < 0.2) > 0.8:
+            found.append(i)
+    return found

@@ -1,0 +1,156 @@
+"""Windows of a log, each followed by the simulator from a start of its own, and the simulator's slopes along them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FEWEST = 8  # rows of a window
+STEP = 1e-4  # of a signal's spread, by which slopes are taken
+DIVERGED = 1e6  # spreads of a signal, beyond which a run has left the log
+
+
+@dataclass(frozen=True)
+class Action:
+    """What effects do to a simulator: commands (K, m) instead of the log's, parameters (p,), a push and the clock.
+
+    push(x, u) gives what is added to the derivative of the states (B, n), or is None.
+    """
+
+    u: np.ndarray
+    params: np.ndarray
+    push: object = None
+    clock: float = 1.0
+    outputs: tuple = ()  # functions of (channels (W, H + 1, c), rows (W, H + 1), dt) applied in turn
+
+
+def cut(usable, rows):
+    """First rows (W,) of windows of `rows` usable transitions in a row."""
+    starts, run = [], 0
+    for k, good in enumerate(usable):
+        run = run + 1 if good else 0
+        if run == rows:
+            starts.append(k + 1 - rows)
+            run = 0
+    return np.array(starts, int)
+
+
+class Rollouts:
+    """The windows of one log. passes: how often the log's rows were simulated so far."""
+
+    def __init__(self, robot, log, rows):
+        self.robot, self.log, self.rows = robot, log, rows
+        self.starts = cut(log.usable, rows)
+        self.index = self.starts[:, None] + np.arange(rows + 1)  # (W, H + 1)
+        self.measured = log.y[self.index]  # (W, H + 1, c)
+        self.substeps = 1
+        self.passes = 0.0
+        self.spread = _spread(log)
+        self.x0 = np.nan_to_num(log.x[self.starts])
+
+    def idle(self):
+        """Nothing acts."""
+        return Action(self.log.u, self.robot.nominal)
+
+    def advance(self, x, u, action):
+        """One row of time, in `substeps` steps."""
+        dt = self.log.dt * action.clock / self.substeps
+        self.passes += self.substeps * len(x) / (len(self.starts) * self.rows)
+        for _ in range(self.substeps):
+            after = self.robot.simulator.step(x, u, dt, action.params)
+            if action.push is not None:
+                after = after + dt * action.push(x, u)
+            x = after
+        return x
+
+    def run(self, action, x0=None):
+        """(states (W, H + 1, n), channels (W, H + 1, c)) from the starts."""
+        U = action.u[self.index]
+        X = np.empty((*self.index.shape, self.x0.shape[1]))
+        X[:, 0] = self.x0 if x0 is None else x0
+        for k in range(self.rows):
+            X[:, k + 1] = self.advance(X[:, k], U[:, k], action)
+        return X, self.sense(X, action)
+
+    def sense(self, X, action):
+        Y = self.robot.sense(X, action.u[self.index])
+        for output in action.outputs:
+            Y = output(Y, self.index, self.log.dt)
+        return Y
+
+    def missed(self, Y):
+        """Measured less predicted (W, H + 1, c), angles by the short way; NaN where nothing was measured."""
+        left = self.measured - Y
+        for c, channel in enumerate(self.robot.channels):
+            if channel.wraps:
+                left[..., c] = (left[..., c] + np.pi) % (2 * np.pi) - np.pi
+        return left
+
+    def slopes(self, X, action):
+        """The Slopes of one step along the states X (W, H + 1, n)."""
+        W, H, n = len(self.starts), self.rows, X.shape[2]
+        x, u = X[:, :-1].reshape(-1, n), action.u[self.index[:, :-1]].reshape(W * H, -1)
+        at = self.advance(x, u, action)
+        shape = lambda d: d.reshape(W, H, n)  # noqa: E731
+        A = np.stack([shape(self._slope(x, u, action, at, "x", i)) for i in range(n)], -1)
+        B = np.stack([shape(self._slope(x, u, action, at, "u", j)) for j in range(u.shape[1])], -1)
+        G = [shape(self._slope(x, u, action, at, "p", i)) for i in range(len(action.params))]
+        C = shape(self._slope(x, u, action, at, "clock", 0))
+        return Slopes(A, B, np.stack(G, -1) if G else np.zeros((W, H, n, 0)), C)
+
+    def _slope(self, x, u, action, at, what, i):
+        """d step / d element i of x, u, parameters or clock, by one pass."""
+        x, u, params, clock = x.copy(), u.copy(), action.params.copy(), action.clock
+        if what == "x":
+            h = STEP * self.spread.x[i]
+            x[:, i] += h
+        elif what == "u":
+            h = STEP * self.spread.u[i]
+            u[:, i] += h
+        elif what == "p":
+            h = STEP * abs(self.robot.parameters[i].usual)
+            params[i] += h
+        else:
+            h = STEP
+            clock += h
+        moved = Action(action.u, params, action.push, clock)
+        return (self.advance(x, u, moved) - at) / h
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Of one step: to states A (W, H, n, n), commands B (.., m), parameters G (.., p), clock C (W, H, n)."""
+
+    A: np.ndarray
+    B: np.ndarray
+    G: np.ndarray
+    C: np.ndarray
+
+    def carry(self, pushes):
+        """What pushes (W, H, n, q), added to each step, make of the states (W, H + 1, n, q)."""
+        W, H, n, q = pushes.shape
+        Z = np.zeros((W, H + 1, n, q))
+        for k in range(H):
+            Z[:, k + 1] = self.A[:, k] @ Z[:, k] + pushes[:, k]
+        return Z
+
+    def starts(self):
+        """What the start makes of the states (W, H + 1, n, n)."""
+        W, H, n, _ = self.A.shape
+        S = np.empty((W, H + 1, n, n))
+        S[:, 0] = np.eye(n)
+        for k in range(H):
+            S[:, k + 1] = self.A[:, k] @ S[:, k]
+        return S
+
+
+@dataclass(frozen=True)
+class Spread:
+    x: np.ndarray  # (n,)
+    u: np.ndarray  # (m,)
+
+
+def _spread(log):
+    """How far signals reach: never 0, as steps are taken in parts of it; 1 where nothing measures a state."""
+    with np.errstate(all="ignore"):
+        x, u = (np.nanmax(np.abs(a - np.nanmean(a, 0)), 0) for a in (log.x, log.u))
+    return Spread(np.where(np.isfinite(x) & (x > 0), x, 1.0), np.where(u > 0, u, 1.0))

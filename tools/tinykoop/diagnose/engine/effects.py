@@ -11,6 +11,7 @@ import numpy as np
 from ..robot import Parameter
 
 THRESHOLDS = ("rate_limit", "dead_band", "saturation", "backlash")
+SIZES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 WHOLE = 1e9  # stands for a bound that no robot reaches
 
 
@@ -125,20 +126,20 @@ def commands(context):
 
         add("gain", (Parameter("a", "1", -0.95, 3, 0.1),), f"{name} (1 + a)", lambda u, p, c: u * (1 + p[0]), (1.0,))
         add("bias", (Parameter("d", unit, -largest - size, largest + size, 0.1 * size),), f"{name} + d", lambda u, p, c: u + p[0], (1.0,))
-        add("lag", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), f"first-order lag of {name}", _lagged, (0.5, 1.5, 4.0))
-        add("delay", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), f"{name} at t - delay", _late, (0.5, 1.5, 4.0))
-        add("rate_limit", (Parameter("rate", f"{unit}/s", 0.01 * speed, speed, 0.4 * speed),), f"|d {name}/dt| <= rate", _limited_rate, (0.15, 0.5, 1.0, 1.8))
-        add("dead_band", (Parameter("width", unit, 0, largest, 0.15 * size),), f"0 where |{name}| < width", lambda u, p, c: np.where(np.abs(u) < p[0], 0.0, u), (0.4, 1.0, 2.5))
-        add("saturation", (Parameter("most", unit, 0.02 * largest, largest, 0.7 * largest),), f"|{name}| <= most", lambda u, p, c: np.clip(u, -p[0], p[0]), (0.4, 0.8, 1.0, 1.2))
-        add("backlash", (Parameter("half_width", unit, 0, largest, 0.1 * size),), f"play in {name}", _play, (0.4, 1.0, 2.5))
+        add("lag", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), f"first-order lag of {name}", _lagged, SIZES)
+        add("delay", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), f"{name} at t - delay", _late, SIZES)
+        add("rate_limit", (Parameter("rate", f"{unit}/s", 0.01 * speed, speed, 0.4 * speed),), f"|d {name}/dt| <= rate", _limited_rate, (0.15, 0.3, 0.6, 1.0, 1.5, 2.0))
+        add("dead_band", (Parameter("width", unit, 0, largest, 0.15 * size),), f"0 where |{name}| < width", lambda u, p, c: np.where(np.abs(u) < p[0], 0.0, u), SIZES)
+        add("saturation", (Parameter("most", unit, 0.02 * largest, largest, 0.7 * largest),), f"|{name}| <= most", lambda u, p, c: np.clip(u, -p[0], p[0]), (0.4, 0.6, 0.8, 1.0, 1.2, 1.35))
+        add("backlash", (Parameter("half_width", unit, 0, largest, 0.1 * size),), f"play in {name}", _play, SIZES)
         add("sag", (Parameter("loss_at_end", "1", -1, 1, 0.15),), f"gain of {name} that falls over the log", _sagging, (1.0,))
         for i, other in enumerate(robot.commands):
             if i != j:
                 found.append(_cross(context, i, j, other, signal))
     if len(robot.commands) > 1:
         every = range(len(robot.commands))
-        found.append(Effect("lag:all", "command", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), "first-order lag of all commands", _at(every, _lagged), (0.5, 1.5, 4.0)))
-        found.append(Effect("delay:all", "command", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), "all commands at t - delay", _at(every, _late), (0.5, 1.5, 4.0)))
+        found.append(Effect("lag:all", "command", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), "first-order lag of all commands", _at(every, _lagged), SIZES))
+        found.append(Effect("delay:all", "command", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), "all commands at t - delay", _at(every, _late), SIZES))
     return found
 
 
@@ -258,8 +259,8 @@ def outputs(context):
         add("sensor_bias", Parameter("d", unit, -largest, largest, 0.05 * size), f"{name} + d", lambda y, p, rows, dt: y + p[0])
         if not channel.wraps:
             add("scale", Parameter("a", "1", -0.9, 3, 0.05), f"{name} (1 + a)", lambda y, p, rows, dt: y * (1 + p[0]))
-        add("sensor_delay", Parameter("delay", "s", 0, 30 * dt + 0.2, 2 * dt), f"{name} at t - delay", _seen_late, (0.5, 1.5))
-        add("sensor_lag", Parameter("tau", "s", 0, 30 * dt + 0.5, 2 * dt), f"first-order lag of {name}", _seen_lagged, (0.5, 1.5))
+        add("sensor_delay", Parameter("delay", "s", 0, 30 * dt + 0.2, 2 * dt), f"{name} at t - delay", _seen_late, SIZES[:5])
+        add("sensor_lag", Parameter("tau", "s", 0, 30 * dt + 0.5, 2 * dt), f"first-order lag of {name}", _seen_lagged, SIZES[:5])
         add("drift", Parameter("rate", f"{unit}/s", -largest, largest, 0.02 * size), f"{name} + rate t", lambda y, p, rows, dt: y + p[0] * rows * dt)
     return found
 

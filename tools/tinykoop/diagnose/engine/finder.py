@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from .problem import Cause, Fit
+from .problem import LIMIT, Cause
 
 MOST = 4  # effects of one explanation
 SINGLES, PAIRS = 4, 2  # that are fitted in full in each round
@@ -14,6 +14,8 @@ TRUE_STEP = 1e-2  # of a parameter's usual size, by which columns are differenti
 WALD = 4.0  # robust t that an effect has to reach
 GRID = np.geomspace(0.25, 4, 33)  # sizes tried of what has no slope, over the first one
 PATTERN = (0.06, 0.02, 0.007)
+ABSORBED = 0.8  # of what several effects do, from which on one is tried in their place
+SMALL = 0.01  # of the misfit, or of the noise: what an effect takes away beyond its price matters only if it is more
 ALIKE = 0.98  # cosine of columns that are one class
 
 
@@ -213,13 +215,16 @@ class Finder:
         problem = self.problem
         problem.linearise(fit.causes)
         fit = self.learn_noise(problem.fit_of(fit.causes))
-        finer, before = 1.0 - problem.finer, problem.finer
-        problem.finer = finer
-        other = self.refine(problem.fit_of(fit.causes), 2)
-        if other.cost < fit.cost - self.price:
-            return self.learn_noise(other)
-        problem.finer = before
-        return self.refine(fit, 3)
+        was, found = problem.finer, fit
+        for finer in (0.0, 1.0, LIMIT):
+            if finer != was:
+                problem.finer = finer
+                other = self.refine(problem.fit_of(fit.causes), 2)
+                if other.cost < found.cost - self.price * (finer > 0):
+                    found, was = other, finer
+        problem.finer = was
+        problem.Y = problem.rollouts.sense(problem.X, problem.at) + was * problem.shift
+        return self.refine(self.learn_noise(problem.fit_of(found.causes)), 3)
 
     def run(self):
         """The causes that are worth most."""
@@ -233,7 +238,22 @@ class Finder:
             fit = self.eliminate(self.settle(self._patterned(better)))
             if set(fit.names) <= names:
                 break
-        return self.eliminate(fit)
+        return self.simplify(self.eliminate(fit))
+
+    def simplify(self, fit):
+        """One effect in the place of several, where it does what they do."""
+        problem = self.problem
+        for count in range(len(fit.causes), 1, -1):
+            for group in combinations(range(len(fit.causes)), count):
+                rest = tuple(c for i, c in enumerate(fit.causes) if i not in group)
+                have = problem.columns([fit.causes, rest]) @ [1.0, -1.0]
+                found = [c for c in self.candidates(problem.fit_of(rest)) if c.name not in fit.names]
+                absorbs = [(c.column @ have) ** 2 / max(c.column @ c.column, 1e-9) / (have @ have) for c in found]
+                for i in np.argsort(absorbs)[::-1][:2]:
+                    trial = self.add(problem.fit_of(rest), (found[i],)) if absorbs[i] > ABSORBED else fit
+                    if self.worth(trial) < self.worth(fit):
+                        return self.simplify(self.settle(trial))
+        return fit
 
     def eliminate(self, fit):
         """Takes out what does not pay, or what only a few windows ask for."""
@@ -245,7 +265,7 @@ class Finder:
                 continue
             rests = [self.refine(self.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3) for i in range(len(fit.causes))]
             best = min(rests, key=self.worth)
-            if self.worth(best) > self.worth(fit):
+            if best.cost - fit.cost > max(self.price, SMALL * self.problem.degrees, SMALL * (self.base.cost - self.problem.degrees)):
                 break
             fit = best
         return fit

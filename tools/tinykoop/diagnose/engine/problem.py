@@ -10,7 +10,7 @@ import numpy as np
 from . import effects as library
 from .rollouts import Rollouts
 
-FINER = 4  # steps in the place of one, by which it is seen whether the simulator's own step of time is short enough
+FINER, LIMIT = 4, 4 / 3  # steps in the place of one, by which it is seen whether the simulator's own step of time is short enough; what is then missing, if its error goes with the step
 START = 1e3  # spreads of a measured state, by which its start may be off: it is free
 HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
 SETTLED, TURNS = 0.9, 3  # share of the misfit that another turn of starts must leave at most; turns

@@ -151,6 +151,10 @@ class Spread:
 
 def _spread(log):
     """How far signals reach: never 0, as steps are taken in parts of it; 1 where nothing measures a state."""
-    with np.errstate(all="ignore"):
-        x, u = (np.nanmax(np.abs(a - np.nanmean(a, 0)), 0) for a in (log.x, log.u))
+    x, u = (np.array([_reach(column) for column in signals.T]) for signals in (log.x, log.u))
     return Spread(np.where(np.isfinite(x) & (x > 0), x, 1.0), np.where(u > 0, u, 1.0))
+
+
+def _reach(values):
+    seen = values[np.isfinite(values)]
+    return np.abs(seen - seen.mean()).max() if len(seen) else np.nan

@@ -48,6 +48,7 @@ class Problem:
         self.linearise(())
         self.velocities = velocity_like(self.slopes, log.dt)
         found = library.library(self.context, self.velocities, self.rollouts.spread)
+        self.everything = found
         self.effects = {name: effect for name, effect in found.items() if name not in without}
 
     # ---- simulation --------------------------------------------------------------------------------------

@@ -1,0 +1,158 @@
+"""The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import UserError
+from .engine import ahead, judge
+from .engine.finder import Finder
+from .engine.problem import Problem
+
+ROWS, SECONDS = 50, 2.5  # of a window, at least, and at most
+BLOCKS, BINS = 8, 4  # of the time and of a signal's range
+SHOWN = 1.3  # times the average, from which on a region is named
+
+
+@dataclass
+class Diagnosis:
+    """The report, and what a page may draw."""
+
+    report: dict
+    problem: Problem
+    fit: object
+    ahead: ahead.Ahead
+    before: dict
+    after: dict
+
+
+def rows_of(log):
+    """Rows of a window: the longest horizon that is reported, or as many as the log has in a row."""
+    run, longest = 0, 0
+    for good in log.usable:
+        run = run + 1 if good else 0
+        longest = max(longest, run)
+    return min(ROWS, longest)
+
+
+def _intervals(finder, fit):
+    """95 % intervals (p, 2) in usual sizes."""
+    if not fit.causes:
+        return np.zeros((0, 2))
+    z, t = finder.vector(fit.causes)[0], finder.wald(fit)
+    return z[:, None] + 1.96 * np.abs(z / np.where(t == 0, 1e-12, t))[:, None] * np.array([-1, 1])
+
+
+def _effects(finder, fit, proofs, end):
+    out, at, intervals = [], 0, _intervals(finder, fit)
+    for cause, proof in zip(fit.causes, proofs):
+        spec = finder.problem.effects[cause.name].parameters
+        limits = {p.name: [float(np.clip(v * p.usual, p.low, p.high)) for v in intervals[at + k]] for k, p in enumerate(spec)}
+        at += len(spec)
+        out.append({
+            "name": cause.name, "evidence": proof.gain, "confidence": proof.confidence,
+            "params": dict(zip((p.name for p in spec), cause.params)), "params_ci95": limits, "units": {p.name: p.unit for p in spec},
+            "segments": [[0.0, end]], "formula": finder.problem.effects[cause.name].formula, "established": proof.established,
+        })  # fmt: skip
+    return out
+
+
+def _ranking(finder, fit, proofs):
+    whole = max(finder.base.cost - fit.cost, 1e-9)
+    score = {c.name: 1 + p.gain / whole for c, p in zip(fit.causes, proofs)}
+    have = finder.problem.columns([fit.causes, ()]) @ [1.0, -1.0] if fit.causes else finder.base.left
+    for c in finder.candidates(finder.problem.fit_of(())):
+        if c.name not in score:
+            size = np.linalg.norm(c.column) * np.linalg.norm(have)
+            score[c.name] = max(score.get(c.name, 0.0), float((c.column @ have / max(size, 1e-9)) ** 2) if fit.causes else 0.0)
+    return [{"name": name, "score": float(s)} for name, s in sorted(score.items(), key=lambda item: -item[1])]
+
+
+def _where(problem, finder, fit):
+    """Shares of the systematic misfit by channel and time, and regions that have more than theirs."""
+    shape = problem.rollouts.measured.shape
+    before, after = (f.left.reshape(shape) ** 2 for f in (finder.base, fit))
+    systematic = before - after if fit.causes else np.maximum(before - 1, 0)
+    by_channel = np.maximum(systematic.sum((0, 1)), 0)
+    per_window = np.maximum(systematic.sum((1, 2)), 0)
+    t = problem.log.t[problem.rollouts.starts] - problem.log.t[0]
+    edges = np.linspace(0, problem.log.t[-1] - problem.log.t[0], BLOCKS + 1)
+    part = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, BLOCKS - 1)
+    by_time = np.bincount(part, per_window, BLOCKS)
+    return {
+        "channels": {c.name: float(v) for c, v in zip(problem.robot.channels, by_channel / (by_channel.sum() or 1.0))},
+        "segments": [[float(a), float(b), float(s)] for a, b, s in zip(edges, edges[1:], by_time / (by_time.sum() or 1.0))],
+        "regions": _regions(problem, per_window),
+    }
+
+
+def _regions(problem, size):
+    found, mean = [], size.mean() or 1.0
+    signals = [(s, problem.X[..., i]) for i, s in enumerate(problem.robot.states)]
+    signals += [(s, problem.log.u[problem.rollouts.index][..., j]) for j, s in enumerate(problem.robot.commands)]
+    for signal, values in signals:
+        typical = np.abs(values).mean(1)
+        edges = np.unique(np.quantile(typical, np.linspace(0, 1, BINS + 1)))
+        for low, high in zip(edges, edges[1:]):
+            inside = (typical >= low) & (typical <= high)
+            if inside.sum() >= 4 and size[inside].mean() > SHOWN * mean:
+                found.append({"variable": f"size of {signal.name}", "unit": signal.unit, "from": float(low), "to": float(high), "times_average": float(size[inside].mean() / mean)})
+    return sorted(found, key=lambda r: -r["times_average"])[:5]
+
+
+def _hidden(problem, finder, fit):
+    """Effects of usual size that this log would not show."""
+    strongest = {}
+    for c in finder.candidates(fit):
+        strongest[c.name] = max(strongest.get(c.name, 0.0), float(np.linalg.norm(c.column)))
+    return [name for name, size in strongest.items() if size < np.sqrt(finder.price)]
+
+
+def diagnose(log, robot, fresh=None, without=()):
+    """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted."""
+    problem = Problem(robot, log, rows_of(log), without)
+    for name in without:
+        if name not in problem.everything:
+            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(problem.everything)}")
+    finder = Finder(problem)
+    fit, proofs, left = judge.judge(finder, finder.run())
+    word = judge.verdict(fit, proofs, left)
+    order = sorted(range(len(proofs)), key=lambda i: -proofs[i].gain)
+    fit, proofs = problem.fit_of([fit.causes[i] for i in order]), [proofs[i] for i in order]
+    looked = ahead.Ahead(problem)
+    before, after, floor = looked.errors(()), looked.held_out(finder, fit), looked.floor()
+    gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
+    effects = _effects(finder, fit, proofs, float(log.t[-1] - log.t[0]))
+    report = {
+        "platform": robot.name,
+        "verdict": word,
+        "effects": [] if word in ("none", "unknown") else effects,
+        "best_fit": effects if word == "unknown" else [],
+        "ranking": _ranking(finder, fit, proofs),
+        "ambiguous_with": {c.name: list(p.others) for c, p in zip(fit.causes, proofs) if p.others},
+        "suggested_excitation": "",
+        "where": _where(problem, finder, fit),
+        "gap": next(iter(gaps.values())),
+        "gaps": gaps,
+        "not_testable": _hidden(problem, finder, fit),
+        "unexplained": {"share": left.share, "times_noise": left.times, "matters": left.matters, "depends_on": [{"on": a, "acts_on": b} for a, b in left.on] if left.matters else []},
+        "noise": {"sensor": {c.name: {"sd": float(s), "unit": c.unit} for c, s in zip(robot.channels, problem.sigma)}},
+        "time_step": {"matters": bool(problem.finer), "share": problem.finer},
+        "passes": round(problem.rollouts.passes),
+        "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": float(log.t[-1] - log.t[0])},
+    }  # fmt: skip
+    result = Diagnosis(report, problem, fit, looked, before, after)
+    if fresh is not None:
+        _add_fresh(result, robot, fresh, fit)
+    return result
+
+
+def _add_fresh(result, robot, fresh, fit):
+    """The same causes on another log: only its starts are looked for there."""
+    other = Problem(robot, fresh, rows_of(fresh))
+    other.sigma = result.problem.sigma
+    other.linearise(fit.causes)
+    looked = ahead.Ahead(other)
+    before, after, floor = looked.errors(()), looked.errors(fit.causes), looked.floor()
+    gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
+    result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps}

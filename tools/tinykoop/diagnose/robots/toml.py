@@ -1,0 +1,110 @@
+"""A robot from a TOML file (docs/own-robot.md)."""
+
+import math
+import tomllib
+from pathlib import Path
+
+from ...errors import UserError
+from .. import simulators
+from ..robot import Gap, Inner, Robot, Signal
+from ..simulators import python
+
+# What one of a unit is in the unit that a robot is told in.
+UNITS = {
+    ("deg", "rad"): math.pi / 180, ("deg/s", "rad/s"): math.pi / 180, ("rpm", "rad/s"): 2 * math.pi / 60,
+    ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("ns", "s"): 1e-9, ("mm", "m"): 1e-3, ("cm", "m"): 1e-2, ("mm/s", "m/s"): 1e-3,
+    ("cm/s", "m/s"): 1e-2, ("km/h", "m/s"): 1 / 3.6, ("g", "m/s2"): 9.80665, ("mV", "V"): 1e-3, ("%", "1"): 1e-2,
+}  # fmt: skip
+SECTIONS = {"name", "log", "simulator", "parameter", "effects", "report"}
+
+
+def _expect(table, keys, where, path):
+    unknown = [key for key in table if key not in keys]
+    if unknown:
+        raise UserError(f"{path}: {where}: unknown key {unknown[0]}; there are {', '.join(keys)}")
+
+
+def _need(table, key, kind, where, path):
+    if not isinstance(table.get(key), kind):
+        names = {str: "a text", dict: "a table", list: "a list", (int, float): "a number"}
+        raise UserError(f"{path}: {where}: {key} must be {names[kind]}")
+    return table[key]
+
+
+def _unit(table):
+    """(unit that the robot is told in, what one of the column's unit is in that)."""
+    unit = table.get("unit", "1")
+    base = next((to for (of, to) in UNITS if of == unit), unit)
+    return base, UNITS.get((unit, base), 1.0)
+
+
+KEYS = ("name", "column", "unit", "wraps", "measures")
+
+
+def _signal(table, where, path, column=True):
+    _expect(table, KEYS, where, path)
+    name = _need(table, "name", str, where, path)
+    if column:
+        _need(table, "column", str, f"{where} {name}", path)
+    unit, scale = _unit(table)
+    return Signal(name, unit, table.get("column"), scale, bool(table.get("wraps", False)), table.get("measures"))
+
+
+def _inner(table, path):
+    name = _need(table, "name", str, "[[parameter]]", path)
+    where = f"[[parameter]] {name}"
+    _expect(table, ("name", "field", "unit", "value", "low", "high", "usual"), where, path)
+    low, high = (float(_need(table, key, (int, float), where, path)) for key in ("low", "high"))
+    value = float(table.get("value", math.nan))
+    usual = float(table.get("usual", 0.1 * (high - low)))
+    if not low < high or not usual > 0 or (math.isfinite(value) and not low <= value <= high):
+        raise UserError(f"{path}: {where}: low < high, value between them and usual above 0 are needed")
+    return Inner(name, table.get("unit", "1"), value, low, high, usual, table.get("field"))
+
+
+def _text(path):
+    try:
+        return tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{path}: {error}") from error
+
+
+def _gaps(table, states, path):
+    found = []
+    for gap in table.get("report", {}).get("gap", []):
+        for state in gap.get("states", []):
+            if state not in states:
+                raise UserError(f"{path}: [report]: gap {gap.get('name')}: there is no state {state}; there are {', '.join(states)}")
+        found.append(Gap(_need(gap, "name", str, "[report] gap", path), gap.get("unit", "1"), tuple(_need(gap, "states", list, "[report] gap", path))))
+    return found
+
+
+def read(path):
+    """The Robot of a TOML file."""
+    path = Path(path)
+    table = _text(path)
+    _expect(table, SECTIONS, "the file", path)
+    log = _need(table, "log", dict, "the file", path)
+    _expect(log, ("time", "state", "command", "extra"), "[log]", path)
+    time = _need(log, "time", dict, "[log]", path)
+    time = _signal({"name": "t", "unit": "s"} | time, "[log] time", path)
+    states = tuple(_signal(s, "[log] state", path) for s in _need(log, "state", list, "[log]", path))
+    commands = tuple(_signal(s, "[log] command", path) for s in _need(log, "command", list, "[log]", path))
+    outputs = tuple(_signal(s, "[log] extra", path) for s in log.get("extra", []))
+    simulator = _need(table, "simulator", dict, "the file", path)
+    states += tuple(Signal(*h.split("@")) if "@" in h else Signal(h, "1") for h in simulator.get("hidden", []))
+    parameters = tuple(_inner(p, path) for p in table.get("parameter", []))
+    names = [s.name for s in (*states, *commands)]
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"{path}: two signals are called {name}")
+    for output in outputs:
+        if output.measures not in names:
+            raise UserError(f"{path}: [log] extra {output.name}: measures must be one of {', '.join(names)}")
+    effects = table.get("effects", {})
+    own = tuple(python.load(place, path.parent) for place in effects.get("own", []))
+    model = simulators.make(simulator, path.parent, (len(states), len(commands), len(parameters)))
+    gaps = tuple(_gaps(table, [s.name for s in states], path)) or tuple(Gap(s.name, s.unit, (s.name,)) for s in states if s.column)
+    return Robot(_need(table, "name", str, "the file", path), time, states, commands, model, outputs, parameters, gaps, tuple(effects.get("use", ())), own)

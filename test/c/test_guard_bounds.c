@@ -120,6 +120,19 @@ static void test_direction_may_be_as_far_off_as_set(void) {
 	TEST_ASSERT_EQUAL_INT(OFFLINE, model_with_cosine(above((real)0.8)));
 }
 
+/* Inside the range of the numbers by less than a factor of 2. */
+static void test_offline_model_may_answer_as_strongly_as_numbers_allow(void) {
+	prepare();
+	for (size_t j = 0; j < M; j++) {
+		r.low[j] = (real)-0.25;
+		r.high[j] = (real)0.25;
+	}
+	r.offline[N * PADDED + 1] = (real)sqrt(0.7 * (double)REAL_MAX);
+	start_controller(1, 0);
+	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&r.guard, NULL, &r.mpc, r.offline, r.storage, GUARD_REALS));
+	TEST_ASSERT_TRUE(r.guard.size[0] > REAL_MAX / 2);
+}
+
 /* ---- what a model predicts, and where the robot is */
 
 static int model_with_error(real online) {
@@ -302,6 +315,7 @@ int main(void) {
 	RUN_TEST(test_gain_may_be_as_small_and_as_large_as_set);
 	RUN_TEST(test_response_of_all_states_may_be_as_large_as_set);
 	RUN_TEST(test_direction_may_be_as_far_off_as_set);
+	RUN_TEST(test_offline_model_may_answer_as_strongly_as_numbers_allow);
 	RUN_TEST(test_error_may_be_as_large_as_set);
 	RUN_TEST(test_robot_may_be_as_far_off_as_set);
 	RUN_TEST(test_last_good_model_goes_before_an_offline_model_as_good);

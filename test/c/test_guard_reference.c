@@ -876,7 +876,29 @@ static void test_parts_of_the_storage_lie_end_to_end(void) {
 	}
 }
 
-/* ---- a learner that is not a number where no plan looks */
+/* ---- steps without faults */
+
+static void plain_step(void) {
+	set_reference();
+	control(w.psi);
+	move_robot();
+	update(w.psi_next);
+	memcpy(w.psi, w.psi_next, sizeof w.psi);
+	w.step++;
+}
+
+/* With a rate penalty the input applied last is an argument: no model is blamed where it is missing. */
+static void test_call_without_an_argument_changes_nothing(void) {
+	prepare(&settings[3], 5);
+	memcpy(w.robot, w.offline, sizeof w.robot);
+	start();
+	while (w.step < 200 && w.guard.trusted < 3) { plain_step(); }
+	static world before;
+	before = w;
+	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&w.guard, &w.own.rls, &w.own.mpc, w.psi, w.reference, NULL,
+	                                              w.u, NULL));
+	TEST_ASSERT_EQUAL_MEMORY(&before, &w, sizeof before);
+}
 
 /* Of a horizon of one step the states that are not tracked say nothing. The learner refuses all samples then,
  * and must not stay so because its model is in use. */
@@ -884,13 +906,7 @@ static void test_learner_in_use_that_is_not_finite_is_started_again(void) {
 	prepare(&settings[4], 3);
 	memcpy(w.robot, w.offline, sizeof w.robot);
 	start();
-	for (size_t k = 0; k < 200 && w.guard.trusted < 3; k++, w.step++) {
-		set_reference();
-		control(w.psi);
-		move_robot();
-		update(w.psi_next);
-		memcpy(w.psi, w.psi_next, sizeof w.psi);
-	}
+	while (w.step < 200 && w.guard.trusted < 3) { plain_step(); }
 	TEST_ASSERT_EQUAL_INT(ONLINE, w.guard.model);
 	spoil(1, 1, (double)NAN);
 	for (size_t k = 0; k < w.config.patience; k++) { update(w.psi); }
@@ -904,6 +920,7 @@ int main(void) {
 	RUN_TEST(test_guard_does_what_its_second_writing_says);
 	RUN_TEST(test_pairs_are_judged_that_act_above_all);
 	RUN_TEST(test_parts_of_the_storage_lie_end_to_end);
+	RUN_TEST(test_call_without_an_argument_changes_nothing);
 	RUN_TEST(test_learner_in_use_that_is_not_finite_is_started_again);
 	return UNITY_END();
 }

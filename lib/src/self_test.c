@@ -9,19 +9,19 @@ static COLD int is_beyond(real a, real most) {
 static COLD int loses_nan(real zero) {
 	const real nan = (1 - 1 / (zero + 1)) / zero, inf = 1 / zero;
 	const real mixed[2] = {zero, nan};
-	int wrong = is_within(nan, -inf, inf) | is_within(inf, zero, REAL_MAX) | is_nonnegative(nan) | !is_nan(nan);
-	wrong |= is_finite(nan) | is_finite(inf) | all_finite(mixed, 2) | !(inf > REAL_MAX);
-	return wrong | bits_differ(clip(nan, zero, inf), zero) | bits_differ(max_of(zero, -inf), zero);
+	return is_within(nan, -inf, inf) | is_within(inf, zero, REAL_MAX) | is_nonnegative(nan) | !is_nan(nan) |
+	       is_finite(nan) | is_finite(inf) | all_finite(mixed, 2) | !(inf > REAL_MAX) |
+	       bits_differ(clip(nan, zero, inf), zero) | bits_differ(max_of(zero, -inf), zero);
 }
 
 /* Sums keep their order, divisions are divisions, and each is rounded to the nearest. */
 static COLD int rounds_otherwise(real one) {
 	const real little = one * REAL_EPSILON * (real)0.375, more = one * REAL_EPSILON * (real)0.75;
-	int wrong = bits_differ((one + little) - one, 0) | bits_differ((one + more) - one, REAL_EPSILON);
-	wrong |= bits_differ((-one - little) + one, 0) | bits_differ((-one - more) + one, -REAL_EPSILON);
-	/* a literal is rounded as a quotient is, and not to less than `real` */
-	wrong |= bits_differ(3 * one / (10 * one), (real)0.3) | bits_differ(one / (10 * one), (real)0.1);
-	return wrong | bits_differ(one * (one * REAL_MIN), REAL_MIN);
+	/* at first: a literal is rounded as a quotient is, and not to less than `real` */
+	return bits_differ(3 * one / (10 * one), (real)0.3) | bits_differ(one / (10 * one), (real)0.1) |
+	       bits_differ((one + little) - one, 0) | bits_differ((one + more) - one, REAL_EPSILON) |
+	       bits_differ((-one - little) + one, 0) | bits_differ((-one - more) + one, -REAL_EPSILON) |
+	       bits_differ(one * (one * REAL_MIN), REAL_MIN);
 }
 
 /* start + a^2 less that, as a sum in two parts has it */
@@ -32,20 +32,20 @@ static COLD real rest_of_square(real start, real a, real one) {
 	return sum + rest;
 }
 
-/* A sum in two parts holds what one part would lose, here 6 epsilon and minus half of one. Where `real` is wide
+/* A sum in two parts holds what one part would lose: here 6 epsilon, and minus 3/8 of one. Where `real` is wide
  * enough there is no second one. */
 static COLD int loses_rest(real one) {
 	const real of_sum = rest_of_square(one / REAL_EPSILON, one + 3 * REAL_EPSILON, one);
-	const real of_square = rest_of_square(0, one + one / 16 + 4 * REAL_EPSILON, one);
+	const real of_square = rest_of_square(0, one + one / 16 + 5 * REAL_EPSILON, one);
 	const real most = REAL_EPSILON / 64;
-	return (SPLIT > 0) &
-	       (is_beyond(of_sum - 6 * REAL_EPSILON, most) | is_beyond(of_square + REAL_EPSILON / 2, most));
+	return (SPLIT != 0) & (is_beyond(of_sum - 6 * REAL_EPSILON, most) |
+	                       is_beyond(of_square + (real)0.375 * REAL_EPSILON, most));
 }
 
 /* Sine, cosine and exponential, to less than two units of the last place. */
 static COLD int misses_elementary(real one) {
 	KOOP(angle) angle;
-	real turn[2], decay[4] = {one, one, one, one};
+	real turn[2], decay[4] = {one};
 	reduce(&angle, 99 + one);
 	sine_cosine(&angle, turn);
 	exp_minus_four(decay);

@@ -32,8 +32,8 @@ static COLD real rest_of_square(real start, real a, real one) {
 	return sum + rest;
 }
 
-/* A sum in two parts holds what one part would lose: here 6 epsilon, and minus 3/8 of one. Where `real` is wide
- * enough there is no second one. */
+/* A sum in two parts holds what one part would lose: here 6 epsilon, and minus 3/8 of one. Where `real` is
+ * wide enough there is no second one. */
 static COLD int loses_rest(real one) {
 	const real of_sum = rest_of_square(one / REAL_EPSILON, one + 3 * REAL_EPSILON, one);
 	const real of_square = rest_of_square(0, one + one / 16 + 5 * REAL_EPSILON, one);

@@ -27,8 +27,9 @@ static inline void stored_number(unsigned char *at, uint32_t value, int bytes) {
 
 /* Makes a model that was tampered with valid again. */
 static inline void stored_seal(unsigned char *model, size_t size) {
-	const uint32_t crc = stored_crc(0xFFFFFFFFu, model, STORED_CHECKSUM_AT);
-	stored_number(model + STORED_CHECKSUM_AT, ~stored_crc(crc, model + STORED_HEADER, size - STORED_HEADER), 4);
+	uint32_t crc = stored_crc(0xFFFFFFFFu, model, STORED_CHECKSUM_AT);
+	crc = stored_crc(crc, model + STORED_HEADER, size - STORED_HEADER);
+	stored_number(model + STORED_CHECKSUM_AT, ~crc, 4);
 }
 
 static inline void stored_copy(unsigned char *to, const unsigned char *from, int turned) {

@@ -23,7 +23,8 @@ static real *symmetric_element(real *M, size_t i, size_t j) {
 static void check_symmetric(real *M) {
 	const size_t d = e.rls.n_regressors, rows = e.rls.n_regressors_padded;
 	for (size_t k = 0; k < rows * rows; k++) {
-		const real *one = symmetric_element(M, k / rows, k % rows), *other = symmetric_element(M, k % rows, k / rows);
+		const real *one = symmetric_element(M, k / rows, k % rows);
+		const real *other = symmetric_element(M, k % rows, k / rows);
 		if (!one) { continue; }
 		const int inside = k / rows < d && k % rows < d;
 		const int right = inside ? !other || same_bits(*one, *other) : is_zero(*one);
@@ -78,7 +79,8 @@ static void check_storage(void) {
 static void predict(const reference *paper, const real *zeta, wide *psi_next) {
 	for (size_t i = 0; i < paper->N; i++) {
 		psi_next[i] = 0;
-		for (size_t j = 0; j < paper->d; j++) { psi_next[i] += paper->theta[i * paper->d + j] * (wide)zeta[j]; }
+		const wide *row = paper->theta + i * paper->d;
+		for (size_t j = 0; j < paper->d; j++) { psi_next[i] += row[j] * (wide)zeta[j]; }
 	}
 }
 
@@ -91,8 +93,8 @@ static wide innovation_of(const reference *paper, const real *zeta, const real *
 
 static void check_close(real value, wide expected, const char *what) {
 	CHECK(fabs((wide)value - expected) <= 300 * (wide)REAL_EPSILON * fmax(1, fabs(expected)),
-	      "%s, N %zu, d %zu: %s %g instead of %g", estimator_name(&e), e.rls.n_lifted, e.rls.n_regressors, what,
-	      (double)value, (double)expected);
+	      "%s, N %zu, d %zu: %s %g instead of %g", estimator_name(&e), e.rls.n_lifted, e.rls.n_regressors,
+	      what, (double)value, (double)expected);
 }
 
 static void check_health(const KOOP(health) *health, const reference *paper, wide innovation) {

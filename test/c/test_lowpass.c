@@ -115,7 +115,9 @@ static void test_only_the_channels_are_filtered(void) {
 		memcpy(input, x, sizeof x);
 		input[n] = n % 2 ? REAL_MAX : (real)NAN;
 		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, input, y));
-		for (size_t i = 0; i < n; i++) { CHECK(fabs((double)(y[i] - x[i])) < 1e-4, "channel %zu of %zu", i, n); }
+		for (size_t i = 0; i < n; i++) {
+			CHECK(fabs((double)(y[i] - x[i])) < 1e-4, "channel %zu of %zu", i, n);
+		}
 		for (size_t i = n; i < 4; i++) { TEST_ASSERT_EQUAL_MEMORY(&beyond, &y[i], sizeof beyond); }
 	}
 }

@@ -1,5 +1,5 @@
-/* A stored model written by hand and read by hand, from the description of its format alone: every field, every
- * size, P of every form, and the byte order that format 1 does not tell. */
+/* A stored model written by hand and read by hand, from the description of its format alone: every field,
+ * every size, P of every form, and the byte order that format 1 does not tell. */
 #include "reference.h"
 #include "stored.h"
 
@@ -64,7 +64,8 @@ static int is_close(wide a, wide b, wide size) {
 static wide square_of_root(const unsigned char *bytes, size_t i, size_t j) {
 	wide sum = 0;
 	for (size_t k = i > j ? i : j; k < e.rls.n_regressors; k++) {
-		sum += (wide)stored_get(bytes + triangle_at(0, k, i), 0) * (wide)stored_get(bytes + triangle_at(0, k, j), 0);
+		const real one = stored_get(bytes + triangle_at(0, k, i), 0);
+		sum += (wide)one * (wide)stored_get(bytes + triangle_at(0, k, j), 0);
 	}
 	return sum;
 }
@@ -156,7 +157,8 @@ static void write_covariance(random_source *random, wide *P, double size) {
 	const double most = e.config.form == &KOOP(form_plain) ? 0.5 / (double)d : 2;
 	for (size_t i = 0; i < d; i++) {
 		for (size_t j = 0; j <= i; j++) {
-			const real value = random_uniform(random, i == j ? size : -most * size, i == j ? 2 * size : most * size);
+			const double low = i == j ? size : -most * size, high = i == j ? 2 * size : most * size;
+			const real value = random_uniform(random, low, high);
 			stored_put(model + triangle_at(0, i, j), value, 0);
 			P[i * d + j] = P[j * d + i] = (wide)value;
 		}
@@ -183,7 +185,7 @@ static void finish(size_t triangles) {
 	stored_seal(model, bytes_of(triangles));
 }
 
-/* What is kept of P has no element, and as a root no row, beyond the bound; and that is not far beyond them. */
+/* What is kept of P has no element, and as a root no row, beyond the bound, which is not far beyond them. */
 static void check_covariance_bound(const learned *now) {
 	const size_t d = e.rls.n_regressors;
 	const int plain = e.config.form == &KOOP(form_plain);
@@ -206,7 +208,8 @@ static void check_one_step(random_source *random, reference *paper) {
 	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
 	(void)reference_update(paper, zeta, psi_next);
 	learned_take(&now, &e);
-	const double most = 200 * (double)REAL_EPSILON, P = relative_difference(now.covariance, paper->P, d * d);
+	const double most = 200 * (double)REAL_EPSILON;
+	const double P = relative_difference(now.covariance, paper->P, d * d);
 	const double theta = relative_difference(now.theta, paper->theta, N * d);
 	CHECK(theta <= most && P <= most, "%s, N %zu, d %zu: %g, %g", estimator_name(&e), N, d, theta, P);
 }
@@ -329,7 +332,8 @@ static void test_number_of_triangles_is_that_of_the_size(void) {
 		const size_t said = k % 4, there = k / 4 % 3;
 		start(&random, 2, 2, all_regulators[k / 12 % REGULATORS], all_forms[k / 12 / REGULATORS]);
 		CHECK_STATUS(KOOP_OK, KOOP(model_save_covariance)(&e.rls, model, sizeof model));
-		if (there > own_triangles()) { memcpy(model + bytes_of(1), model + bytes_of(0), bytes_of(1) - bytes_of(0)); }
+		const size_t triangle = bytes_of(1) - bytes_of(0);
+		if (there > own_triangles()) { memcpy(model + bytes_of(1), model + bytes_of(0), triangle); }
 		write_header(model, 2, said);
 		stored_seal(model, bytes_of(there));
 		const int right = said == there && (said == 0 || said == own_triangles());
@@ -339,12 +343,14 @@ static void test_number_of_triangles_is_that_of_the_size(void) {
 
 /* ---- Format 1: which byte order? ------------------------------------------------------------- */
 
-/* 2^-32 and 2^32 are the last of a usual size. Read the other way round, they and the numbers next to them are
- * none. */
+/* 2^-32 and 2^32 are the last of a usual size. Read the other way round, they and the numbers next to them
+ * are none. */
 static real number_of_kind(random_source *random, int usual) {
-	static const double in[] = {1, -1.5, 3.25, 4294967296.0, -4294967296.0, 1 / 4294967296.0, -1 / 4294967296.0};
+	static const double in[] = {1,  -1.5, 3.25, 4294967296.0, -4294967296.0, 1 / 4294967296.0,
+	                            -1 / 4294967296.0};
 	static const double out[] = {4294967296.0 * (1 + (double)REAL_EPSILON), 4294967296.0 * 4294967296.0,
-	                             (1 - (double)REAL_EPSILON / 2) / 4294967296.0, -1 / 4294967296.0 / 4294967296.0};
+	                             (1 - (double)REAL_EPSILON / 2) / 4294967296.0,
+	                             -1 / 4294967296.0 / 4294967296.0};
 	return (real)(usual ? in[random_below(random, 7)] : out[random_below(random, 4)]);
 }
 
@@ -406,7 +412,8 @@ static void test_byte_order_of_format_1_is_that_of_numbers_of_a_usual_size(void)
 	random_source random = random_seed(38);
 	for (int round = 0; round < 6000 / TEST_SHARE; round++) {
 		if (round % 100 == 0) {
-			start(&random, 1 + random_below(&random, 4), 1 + random_below(&random, 3), &KOOP(reg_ef), &KOOP(form_sqrt));
+			const size_t N = 1 + random_below(&random, 4), m = 1 + random_below(&random, 3);
+			start(&random, N, m, &KOOP(reg_ef), &KOOP(form_sqrt));
 		}
 		check_format_1(&random);
 	}
@@ -416,7 +423,9 @@ static void test_byte_order_of_format_1_is_that_of_numbers_of_a_usual_size(void)
 static void test_zeros_of_either_sign_say_nothing_of_the_byte_order(void) {
 	random_source random = random_seed(39);
 	start(&random, 3, 2, &KOOP(reg_ef), &KOOP(form_plain));
-	for (size_t at = STORED_HEADER; at < bytes_of(0); at += sizeof(real)) { stored_put(model + at, -(real)0, 0); }
+	for (size_t at = STORED_HEADER; at < bytes_of(0); at += sizeof(real)) {
+		stored_put(model + at, -(real)0, 0);
+	}
 	stored_put(model + theta_at(1, 3), (real)0.75, 0);
 	write_header(model, 1, 0);
 	stored_seal(model, bytes_of(0));

@@ -55,6 +55,24 @@ static void test_theta_of_another_estimator(void) {
 	TEST_ASSERT_EQUAL_MEMORY(theta, back, sizeof theta);
 }
 
+/* Wherever it is and whatever its sign; numbers that follow Theta in memory do not count. */
+static void test_bound_of_theta_is_its_largest_element(void) {
+	random_source random = random_seed(26);
+	for (size_t at = 0; at < N * D; at++) {
+		real theta[N * D + 1];
+		const real size = (real)ldexp(1, (int)(at % 9) - 4);
+		estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+		random_fill(&random, theta, N * D, -(double)size, (double)size);
+		theta[at] = at % 2 ? 2 * size : -2 * size;
+		theta[N * D] = 1000;
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 * size && e.rls.theta_bound <= 2 * size);
+		e.rls.theta_bound = 0;
+		CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&e.rls, e.rls.theta));
+		TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 * size && e.rls.theta_bound <= 2 * size);
+	}
+}
+
 /* What stands in the padding of a copied Theta is not learned on: the fuzzer found that it grew until the
  * gate could not bring Theta back. */
 static void test_padding_of_a_copy_is_zero(void) {
@@ -244,6 +262,7 @@ int main(void) {
 	RUN_TEST(test_starts_from_nothing);
 	RUN_TEST(test_theta_round_trip);
 	RUN_TEST(test_theta_of_another_estimator);
+	RUN_TEST(test_bound_of_theta_is_its_largest_element);
 	RUN_TEST(test_padding_of_a_copy_is_zero);
 	RUN_TEST(test_theta_that_is_not_finite_is_refused);
 	RUN_TEST(test_predicts_theta_times_zeta);

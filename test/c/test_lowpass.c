@@ -106,6 +106,35 @@ static void test_refused_samples_change_nothing(void) {
 	}
 }
 
+/* What stands behind them is neither judged nor written. */
+static void test_only_the_channels_are_filtered(void) {
+	for (size_t n = 1; n <= 3; n++) {
+		KOOP(lowpass) filter = filter_of(n, 5, 100);
+		const real x[4] = {1, -2, 3, REAL_MAX}, beyond = 7;
+		real y[4] = {beyond, beyond, beyond, beyond}, input[4];
+		memcpy(input, x, sizeof x);
+		input[n] = n % 2 ? REAL_MAX : (real)NAN;
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, input, y));
+		for (size_t i = 0; i < n; i++) {
+			CHECK(fabs((double)(y[i] - x[i])) < 1e-4, "channel %zu of %zu", i, n);
+		}
+		for (size_t i = n; i < 4; i++) { TEST_ASSERT_EQUAL_MEMORY(&beyond, &y[i], sizeof beyond); }
+	}
+}
+
+/* A channel each, of either sign. */
+static void test_largest_input_is_one_below_a_64th_of_the_range(void) {
+	const real most = REAL_MAX / 64;
+	for (size_t k = 0; k < 6; k++) {
+		KOOP(lowpass) filter = filter_of(3, 5, 100);
+		real x[3] = {1, 2, 3}, y[3];
+		x[k / 2] = k % 2 ? -most : most;
+		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(lowpass_step)(&filter, x, y));
+		x[k / 2] *= 1 - REAL_EPSILON;
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, x, y));
+	}
+}
+
 static void test_arguments(void) {
 	KOOP(lowpass) filter, unset = {0};
 	real x = 1;
@@ -167,6 +196,8 @@ int main(void) {
 	RUN_TEST(test_reset_begins_settled_again);
 	RUN_TEST(test_slow_signals_are_late_by_what_is_said);
 	RUN_TEST(test_refused_samples_change_nothing);
+	RUN_TEST(test_only_the_channels_are_filtered);
+	RUN_TEST(test_largest_input_is_one_below_a_64th_of_the_range);
 	RUN_TEST(test_arguments);
 	RUN_TEST(test_rate_at_the_end_of_the_range);
 	RUN_TEST(test_lasts);

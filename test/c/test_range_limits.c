@@ -181,6 +181,23 @@ static void test_settings_at_the_end_of_the_range(void) {
 	}
 }
 
+static void check_start(real p0, int status) {
+	estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_sqrt));
+	e.config.tau0 = 1;
+	estimator_start(&e);
+	CHECK_STATUS(status, KOOP(rls_reset_covariance)(&e.rls, p0));
+	e.config.p0 = p0;
+	CHECK_STATUS(status, KOOP(rls_init)(&e.rls, &e.config, e.storage, sizeof e.storage / sizeof *e.storage));
+}
+
+/* The first number of either end, and the one next to it. */
+static void test_covariance_begins_between_the_least_number_and_half_of_the_range(void) {
+	check_start(REAL_MIN, KOOP_OK);
+	check_start(REAL_MIN * (1 - REAL_EPSILON), KOOP_E_RANGE);
+	check_start(REAL_MAX / 2 * (1 - REAL_EPSILON), KOOP_OK);
+	check_start(REAL_MAX / 2, KOOP_E_RANGE);
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_unexcited_covariance_grows_to_half_of_the_range);
@@ -194,6 +211,7 @@ int main(void) {
 	RUN_TEST(test_constant_trace_with_strong_forgetting);
 	RUN_TEST(test_scale_at_the_end_of_the_range);
 	RUN_TEST(test_settings_at_the_end_of_the_range);
+	RUN_TEST(test_covariance_begins_between_the_least_number_and_half_of_the_range);
 	RUN_TEST(test_root_does_not_underflow);
 	return UNITY_END();
 }

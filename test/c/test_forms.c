@@ -1,0 +1,337 @@
+/* Both forms of P against what the header says a step does to it, written out with full matrices in wide
+ * arithmetic: one update at a time from what P is, with steps that no regulator of the library asks for, and
+ * sizes of P all over the range. */
+#include "support.h"
+
+enum { UPDATES = 12, ESTIMATORS = 300 / TEST_SHARE, MOST_N = 11, MOST_M = 3, MOST_D = MOST_N + MOST_M };
+
+static estimator e;
+static KOOP(step) wanted; /* set before each update */
+
+static int decide_as_wanted(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
+	(void)rls, (void)innovation;
+	*step = wanted;
+	return KOOP_OK;
+}
+
+static const KOOP(regulator) as_wanted = {"as wanted", 0, decide_as_wanted, 0};
+
+/* What an update should do, and what there was. */
+typedef struct {
+	wide before[MOST_D][MOST_D], P[MOST_D][MOST_D]; /* P before and after */
+	wide sizes[MOST_D];                             /* of what the rounding of row i is a part: its root */
+	wide scale, bound;                              /* by which P is scaled, of the elements of what is kept */
+	wide denominator;
+	int any_sign; /* 1: P may be indefinite, and its elements beyond the size that its diagonal tells */
+} expectation;
+
+static size_t regressors(void) {
+	return e.rls.n_regressors;
+}
+
+static int is_root(void) {
+	return e.config.form == &KOOP(form_sqrt);
+}
+
+/* ---- P as it is kept ------------------------------------------------------------ */
+
+/* Element (i, j), j <= i, of what is kept: of P or of the transpose of its root. */
+static wide kept(size_t i, size_t j) {
+	return e.config.form->get(&e.rls, 0, i, j);
+}
+
+static wide element(size_t i, size_t j) {
+	wide sum = 0;
+	if (!is_root()) { return i < j ? kept(j, i) : kept(i, j); }
+	for (size_t k = i < j ? j : i; k < regressors(); k++) { sum += kept(k, i) * kept(k, j); }
+	return sum;
+}
+
+static wide largest_kept(void) {
+	wide most = 0;
+	for (size_t i = 0; i < regressors(); i++) {
+		for (size_t j = 0; j <= i; j++) { most = fmax(most, fabs(kept(i, j))); }
+	}
+	return most;
+}
+
+/* ---- What it should become --------------------------------------------------------- */
+
+/* g = (P + inflate zeta zeta') zeta; returns zeta' g */
+static wide write_gain(const expectation *x, const real *zeta, wide *g) {
+	wide sum = 0;
+	for (size_t i = 0; i < regressors(); i++) {
+		g[i] = 0;
+		for (size_t j = 0; j < regressors(); j++) { g[i] += x->before[i][j] * zeta[j]; }
+		for (size_t j = 0; j < regressors(); j++) { g[i] += (wide)wanted.inflate * zeta[i] * zeta[j] * zeta[j]; }
+		sum += zeta[i] * g[i];
+	}
+	return sum;
+}
+
+/* From what it was: what is added to an element of u u' is at most u' u, and what a rotation by w adds to one of the
+ * root is at most the largest of w. */
+static void write_bound(expectation *x, const real *zeta, const wide *g, wide denominator) {
+	const wide was = (wide)e.rls.covariance_bound * e.rls.covariance_scale;
+	wide growth = 0, largest = 0;
+	for (size_t i = 0; i < regressors(); i++) {
+		growth += g[i] * (g[i] / fabs(denominator)) + (wide)wanted.inflate * zeta[i] * zeta[i];
+		largest = fmax(largest, fabs((wide)zeta[i]));
+	}
+	x->bound = (was + growth) * x->scale;
+	if (is_root()) { x->bound = sqrt((wide)wanted.scale) * (was + sqrt((wide)wanted.inflate) * largest); }
+	if (is_root() && wanted.trace > 0) { x->bound = 2 * sqrt((wide)wanted.trace); }
+}
+
+static void write_step(expectation *x, const real *zeta) {
+	const size_t d = regressors();
+	wide g[MOST_D], trace = 0;
+	const wide denominator = x->denominator = wanted.noise + write_gain(x, zeta, g);
+	for (size_t i = 0; i < d; i++) {
+		for (size_t j = 0; j < d; j++) {
+			const wide inflated = x->before[i][j] + (wide)wanted.inflate * zeta[i] * zeta[j];
+			x->P[i][j] = inflated - g[i] * (g[j] / denominator);
+			if (i == j) { x->sizes[i] = fabs(inflated) + g[i] * (g[i] / fabs(denominator)); }
+		}
+		trace += x->P[i][i];
+	}
+	x->scale = wanted.trace > 0 ? wanted.trace / trace : wanted.scale;
+	write_bound(x, zeta, g, denominator);
+	for (size_t i = 0; i < d; i++) {
+		for (size_t j = 0; j < d; j++) { x->P[i][j] *= x->scale; }
+		x->sizes[i] = sqrt(x->sizes[i] * x->scale);
+	}
+	for (size_t i = 0; x->any_sign && i < d; i++) { x->sizes[i] = sqrt(x->bound); }
+}
+
+static void expect(expectation *x, const real *zeta) {
+	for (size_t i = 0; i < regressors(); i++) {
+		for (size_t j = 0; j < regressors(); j++) { x->before[i][j] = element(i, j); }
+	}
+	write_step(x, zeta);
+}
+
+static void check_covariance(const expectation *x, int round) {
+	for (size_t i = 0; i < regressors(); i++) {
+		for (size_t j = 0; j < regressors(); j++) {
+			const wide off = fabs(element(i, j) - x->P[i][j]) / (x->sizes[i] * x->sizes[j]);
+			CHECK(off <= 40 * REAL_EPSILON, "%s round %d: P[%zu][%zu] %g, not %g", estimator_name(&e), round, i, j,
+			      (double)element(i, j), (double)x->P[i][j]);
+		}
+	}
+}
+
+/* ---- Side by side --------------------------------------------------------------------- */
+
+static void check_bound(const expectation *x, int round) {
+	const wide bound = (wide)e.rls.covariance_bound * e.rls.covariance_scale;
+	CHECK(bound >= largest_kept() * (1 - 4 * REAL_EPSILON), "%s round %d: %g beyond %g", estimator_name(&e), round,
+	      (double)largest_kept(), (double)bound);
+	CHECK(fabs(bound / x->bound - 1) <= 100 * REAL_EPSILON, "%s round %d: bound %g, not %g", estimator_name(&e),
+	      round, (double)bound, (double)x->bound);
+	CHECK(e.rls.covariance_scale > (real)1 / 1024 && e.rls.covariance_scale < 1024, "scale %g",
+	      (double)e.rls.covariance_scale);
+}
+
+static void check_health(const expectation *x, const KOOP(health) *health, int round) {
+	wide trace = 0, least = x->P[0][0], size = 0;
+	for (size_t i = 0; i < regressors(); i++) {
+		trace += x->P[i][i];
+		least = fmin(least, x->P[i][i]);
+		size += x->sizes[i] * x->sizes[i];
+	}
+	CHECK(fabs(health->trace - trace) <= 40 * REAL_EPSILON * size, "%s round %d: trace %g, not %g",
+	      estimator_name(&e), round, (double)health->trace, (double)trace);
+	CHECK(fabs(health->min_diagonal - least) <= 40 * REAL_EPSILON * size, "%s round %d: least %g, not %g",
+	      estimator_name(&e), round, (double)health->min_diagonal, (double)least);
+}
+
+/* All that was learned, but for the numbers of scratch behind it. */
+typedef struct {
+	real kept[sizeof e.storage / sizeof *e.storage], scale, bound;
+} snapshot;
+
+static void take(snapshot *s) {
+	memset(s, 0, sizeof *s);
+	memcpy(s->kept, e.storage, e.rls.kept * sizeof *s->kept);
+	s->scale = e.rls.covariance_scale;
+	s->bound = e.rls.covariance_bound;
+}
+
+static void check_same(const snapshot *before, int round) {
+	static snapshot after;
+	take(&after);
+	CHECK(memcmp(before, &after, sizeof after) == 0, "%s round %d: refused, but changed", estimator_name(&e), round);
+}
+
+/* Learns one sample; P becomes what it should, or stays as it was. The regressor is not touched. */
+static int check_update(expectation *x, const real *zeta, int round) {
+	static snapshot before;
+	const real psi_next[MOST_N] = {0};
+	KOOP(health) health;
+	take(&before);
+	expect(x, zeta);
+	const int status = estimator_update(&e, zeta, psi_next, &health);
+	TEST_ASSERT_EQUAL_MEMORY(zeta, e.rls.zeta, regressors() * sizeof *zeta);
+	if (status != KOOP_OK) {
+		check_same(&before, round);
+		return status;
+	}
+	check_covariance(x, round);
+	check_bound(x, round);
+	check_health(x, &health, round);
+	return KOOP_OK;
+}
+
+static wide largest_diagonal(void) {
+	wide most = 0;
+	for (size_t i = 0; i < regressors(); i++) { most = fmax(most, element(i, i)); }
+	return most;
+}
+
+/* A regressor that P takes for one of about 1, and a step of which each part may be next to nothing or the most of
+ * it. */
+static void random_sample(random_source *random, real *zeta) {
+	const double P = (double)largest_diagonal(), size = pow(10, (double)random_uniform(random, -1, 0.5)) / sqrt(P);
+	random_fill(random, zeta, regressors(), -size, size);
+	if (random_below(random, 3) == 0) { zeta[random_below(random, regressors())] = 0; }
+	wanted = (KOOP(step)){(real)pow(10, (double)random_uniform(random, -1, 1)), 1, 0, 0, 1, 1};
+	const size_t kind = random_below(random, 4), inflated = random_below(random, 2);
+	if (kind == 0) { wanted.scale = (real)pow(2, (double)random_uniform(random, -4, 6)); }
+	if (kind == 1) { wanted.trace = (real)(P * pow(10, (double)random_uniform(random, -4, 4))); }
+	if (inflated) { wanted.inflate = (real)(P / size / size * pow(10, (double)random_uniform(random, -3, 1))); }
+}
+
+static void any_estimator(random_source *random, int check) {
+	const int orders = (TEST_DOUBLE ? DBL_MAX_EXP : FLT_MAX_EXP) / 4;
+	estimator_settings(&e, 1 + random_below(random, MOST_N), 1 + random_below(random, MOST_M), &as_wanted,
+	                   all_forms[random_below(random, FORMS)]);
+	e.config.check = check;
+	e.config.p0 = (real)ldexp(1, (int)random_below(random, 2 * (size_t)orders) - orders);
+	estimator_start(&e);
+}
+
+static void test_every_step_makes_of_the_covariance_what_the_header_says(void) {
+	random_source random = random_seed(81);
+	int taken = 0;
+	for (int round = 0; round < ESTIMATORS; round++) {
+		any_estimator(&random, round % 3);
+		for (int k = 0; k < UPDATES; k++) {
+			static expectation x;
+			real zeta[MOST_D];
+			random_sample(&random, zeta);
+			const int status = check_update(&x, zeta, round);
+			CHECK(status == KOOP_OK || status == KOOP_E_INDEFINITE, "%s round %d: status %d", estimator_name(&e),
+			      round, status);
+			taken += status == KOOP_OK;
+		}
+	}
+	CHECK(taken > ESTIMATORS * UPDATES * 9 / 10, "%d taken", taken);
+}
+
+/* ---- Indefinite ------------------------------------------------------------------------ */
+
+/* L L' less some of w w', times p0. */
+static void make_indefinite(random_source *random) {
+	const size_t d = regressors();
+	real L[MOST_D * MOST_D], w[MOST_D];
+	const wide part = random_uniform(random, 0, random_below(random, 3) ? 1 : 5);
+	random_fill(random, L, d * d, -1, 1);
+	random_fill(random, w, d, -1, 1);
+	for (size_t i = 0; i < d; i++) {
+		for (size_t j = 0; j <= i; j++) {
+			wide sum = -part * w[i] * w[j];
+			for (size_t k = 0; k < d; k++) { sum += (wide)L[i * d + k] * L[j * d + k]; }
+			e.config.form->set(&e.rls, 0, i, j, (real)(e.config.p0 * sum));
+		}
+	}
+	e.rls.covariance_bound = (real)largest_kept();
+}
+
+/* 1: positive, -1: not, 0: by too little to be told */
+static int sign_of(wide x, wide size) {
+	return (x > size / 10000) - (x < -size / 10000);
+}
+
+/* Of what P should become: that it is positive definite, or has a positive diagonal. */
+static int sign_of_result(const expectation *x, int diagonal) {
+	const size_t d = regressors();
+	real P[MOST_D * MOST_D];
+	double least = 0, largest = 0;
+	for (size_t i = 0; i < d * d; i++) { P[i] = (real)(x->P[i / d][i % d] / x->bound); }
+	eigenvalue_range(P, d, &least, &largest);
+	for (size_t i = 0; diagonal && i < d; i++) { least = i > 0 ? fmin(least, P[i * (d + 1)]) : (double)P[0]; }
+	return sign_of(least, 1);
+}
+
+/* Refused or reported, as the header says; returns 1 where nothing can be told. */
+static int check_indefinite(random_source *random, int round) {
+	static expectation x;
+	real zeta[MOST_D];
+	const double size = 1 / sqrt((double)e.config.p0);
+	random_fill(random, zeta, regressors(), -size, size);
+	wanted = (KOOP(step)){(real)0.5, (real)random_uniform(random, 0.5, 2), 0, 0, 1, 1};
+	if (round % 2) { wanted.inflate = (real)((double)e.config.p0 * (double)e.config.p0 * random_uniform(random, 0, 1)); }
+	x.any_sign = 1;
+	const int status = check_update(&x, zeta, round), report = e.config.check == KOOP_CHECK_REPORT;
+	const int denominator = sign_of(x.denominator, 1);
+	const int result = sign_of_result(&x, e.config.check == KOOP_CHECK_DIAGONAL);
+	if (denominator * result == 0) { return 1; }
+	const int definite = denominator > 0 && result > 0;
+	CHECK_STATUS(report || definite ? KOOP_OK : KOOP_E_INDEFINITE, status);
+	if (report) { TEST_ASSERT_EQUAL_INT(result > 0, e.rls.positive_definite); }
+	return 0;
+}
+
+static void test_covariance_that_is_indefinite_is_refused_or_reported(void) {
+	random_source random = random_seed(82);
+	int open = 0;
+	for (int round = 0; round < 3 * ESTIMATORS; round++) {
+		do { any_estimator(&random, round % 3); } while (is_root());
+		make_indefinite(&random);
+		open += check_indefinite(&random, round);
+	}
+	CHECK(open < 3 * ESTIMATORS / 20, "%d", open);
+}
+
+/* ---- Information -------------------------------------------------------------------------- */
+
+/* zeta' P^-1 zeta */
+static wide information(const real *zeta) {
+	static wide M[MOST_D * MOST_D], y[MOST_D];
+	const size_t d = regressors();
+	wide sum = 0;
+	for (size_t i = 0; i < d * d; i++) { M[i] = element(i / d, i % d); }
+	for (size_t i = 0; i < d; i++) { y[i] = zeta[i]; }
+	solve_positive_definite(M, d, y, 1);
+	for (size_t i = 0; i < d; i++) { sum += zeta[i] * y[i]; }
+	return sum;
+}
+
+static void test_information_is_that_of_the_inverse_of_the_covariance(void) {
+	random_source random = random_seed(83);
+	for (int round = 0; round < ESTIMATORS; round++) {
+		estimator_settings(&e, 1 + random_below(&random, MOST_N), 1 + random_below(&random, MOST_M), &KOOP(reg_sift),
+		                   all_forms[round % 2]);
+		e.config.p0 = (real)pow(10, (double)random_uniform(&random, -6, 6));
+		estimator_start(&e);
+		for (int k = 0; k < UPDATES; k++) {
+			real zeta[MOST_D], psi_next[MOST_N] = {0};
+			const double size = 1 / sqrt((double)largest_diagonal());
+			random_fill(&random, zeta, regressors(), -size, size);
+			memcpy(e.rls.zeta, zeta, regressors() * sizeof *zeta);
+			const wide right = information(zeta), found = e.config.form->information(&e.rls);
+			CHECK(fabs(found / right - 1) < 2000 * REAL_EPSILON, "%s round %d: %g, not %g", estimator_name(&e),
+			      round, (double)found, (double)right);
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+		}
+	}
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_covariance_that_is_indefinite_is_refused_or_reported);
+	RUN_TEST(test_information_is_that_of_the_inverse_of_the_covariance);
+	RUN_TEST(test_every_step_makes_of_the_covariance_what_the_header_says);
+	return UNITY_END();
+}

@@ -229,6 +229,190 @@ static void test_every_step_makes_of_the_covariance_what_the_header_says(void) {
 	CHECK(taken > ESTIMATORS * UPDATES * 9 / 10, "%d taken", taken);
 }
 
+/* The diagonal, and what stands behind it. */
+static void check_diagonal(int round) {
+	const size_t d = regressors(), rows = KOOP_PAD(d);
+	real diagonal[KOOP_PAD(MOST_D) + 8];
+	for (size_t i = 0; i < sizeof diagonal / sizeof *diagonal; i++) { diagonal[i] = 7; }
+	e.config.form->diagonal(&e.rls, diagonal);
+	for (size_t i = 0; i < rows; i++) {
+		const wide right = i < d ? element(i, i) : 0;
+		CHECK(fabs(diagonal[i] - right) <= 40 * REAL_EPSILON * right, "%s round %d: %zu", estimator_name(&e), round, i);
+	}
+	for (size_t i = rows; i < rows + 8; i++) { TEST_ASSERT_TRUE(diagonal[i] >= 7 && diagonal[i] <= 7); }
+}
+
+static void test_the_diagonal_is_padded_with_zeros(void) {
+	random_source random = random_seed(84);
+	for (int round = 0; round < ESTIMATORS; round++) {
+		any_estimator(&random, KOOP_CHECK_REFUSE);
+		real zeta[MOST_D], psi_next[MOST_N] = {0};
+		random_sample(&random, zeta);
+		(void)estimator_update(&e, zeta, psi_next, NULL);
+		check_diagonal(round);
+	}
+}
+
+/* Another number to start from leaves nothing of what was learned, in P^-1 neither. */
+static void test_a_covariance_that_is_started_again_is_as_at_the_start(void) {
+	for (int r = 0; r < REGULATORS * FORMS; r++) {
+		static snapshot fresh;
+		random_source random = random_seed(85);
+		estimator_settings(&e, 5, 2, all_regulators[r / FORMS], all_forms[r % FORMS]);
+		e.config.p0 = 3;
+		estimator_start(&e);
+		take(&fresh);
+		const size_t mirrored = e.rls.mirrored;
+		estimator_teach(&e, &random, 20);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, 3));
+		memset(e.rls.theta, 0, KOOP_EVEN(7) * KOOP_PAD(5) * sizeof(real));
+		check_same(&fresh, r);
+		TEST_ASSERT_TRUE(e.rls.mirrored == mirrored);
+	}
+}
+
+/* ---- The ends of the range ------------------------------------------------------------- */
+
+static void begin(const KOOP(form) *form, real p0, size_t N) {
+	estimator_settings(&e, N, 1, &as_wanted, form);
+	e.config.p0 = p0;
+	e.config.check = KOOP_CHECK_DIAGONAL;
+	estimator_start(&e);
+	wanted = (KOOP(step)){1, 1, 0, 0, 1, 1};
+}
+
+static int update(real first, real second) {
+	const real zeta[MOST_D] = {first, second}, psi_next[MOST_N] = {0};
+	return estimator_update(&e, zeta, psi_next, NULL);
+}
+
+/* The least number of the range is taken, and nothing less: of P, and of what is kept of it. */
+static void test_diagonal_of_the_plain_form_may_be_the_least_number(void) {
+	begin(&KOOP(form_plain), REAL_MIN, 1);
+	CHECK_STATUS(KOOP_OK, update(0, 0));
+	wanted.scale = (real)0.75;
+	CHECK_STATUS(KOOP_E_INDEFINITE, update(0, 0));
+	for (int half = 0; half < 2; half++) { /* noise and zeta' P zeta are 2: half of it is left */
+		begin(&KOOP(form_plain), (real)(2 - half) * REAL_MIN, 1);
+		wanted = (KOOP(step)){(real)(2 - half), 4, 0, 0, 1, 1};
+		CHECK_STATUS(half ? KOOP_E_INDEFINITE : KOOP_OK, update((real)(1 / sqrt((double)REAL_MIN)), 0));
+	}
+}
+
+/* What is kept is 1 and -1. */
+static void test_no_trace_cannot_be_brought_to_one(void) {
+	begin(&KOOP(form_plain), 1, 1);
+	e.config.form->set(&e.rls, 0, 1, 1, -1);
+	wanted.trace = 1;
+	CHECK_STATUS(KOOP_E_INDEFINITE, update(0, 0));
+}
+
+/* From 1/1024 or 1024 on it is worked into P, so that neither leaves the range before the other. */
+static void test_scale_of_the_plain_form_stays_near_one(void) {
+	for (int shrinks = 0; shrinks < 2; shrinks++) {
+		begin(&KOOP(form_plain), 1, 1);
+		wanted.scale = shrinks ? (real)0.5 : 2;
+		for (int k = 1; k <= 25; k++) {
+			const wide right = exp2((wide)(shrinks ? -k : k));
+			CHECK_STATUS(KOOP_OK, update(0, 0));
+			CHECK(e.rls.covariance_scale > (real)1 / 1024 && e.rls.covariance_scale < 1024, "step %d: %g", k,
+			      (double)e.rls.covariance_scale);
+			CHECK(element(0, 0) >= right && element(0, 0) <= right, "step %d: %g", k, (double)element(0, 0));
+		}
+	}
+}
+
+static void test_elements_are_below_half_of_the_range(void) {
+	const real half = REAL_MAX / 2, below = nextafter(half, (real)0);
+	for (int f = 0; f < FORMS; f++) {
+		begin(all_forms[f], 1, 3);
+		for (size_t i = 0; i < 4; i++) { e.config.form->set(&e.rls, 0, i, i, below); }
+		e.rls.covariance_bound = below;
+		CHECK_STATUS(KOOP_OK, update(0, 0));
+		e.rls.covariance_bound = half;
+		CHECK_STATUS(f ? KOOP_E_OVERFLOW : KOOP_OK, update(0, 0));
+		e.config.form->set(&e.rls, 0, 3, 3, half);
+		e.rls.covariance_bound = half;
+		CHECK_STATUS(KOOP_E_OVERFLOW, update(0, 0));
+	}
+}
+
+/* A row of the root may be twice as long as its largest element where it has four of them. */
+static void test_bound_of_the_root_that_is_too_loose_is_found_again(void) {
+	for (int over = 0; over < 2; over++) {
+		begin(&KOOP(form_sqrt), 1, 3);
+		e.config.form->set(&e.rls, 0, 2, 1, over ? REAL_MAX / 4 : nextafter(REAL_MAX / 4, (real)0));
+		e.rls.covariance_bound = REAL_MAX;
+		CHECK_STATUS(over ? KOOP_E_OVERFLOW : KOOP_OK, update(0, 0));
+		TEST_ASSERT_TRUE(over || e.rls.covariance_bound < REAL_MAX / 2);
+	}
+}
+
+/* A quarter of it is left of some rows of P, by a regressor of three elements, and half of the root. Whichever
+ * element of the diagonal is the least of the range then, it is taken, and what is less is not. */
+static int update_without(size_t j, real size) {
+	real zeta[MOST_D] = {0}, psi_next[MOST_N] = {0};
+	const size_t d = regressors();
+	for (size_t i = 1; i < 4; i++) { zeta[(j + i) % d] = size; }
+	return estimator_update(&e, zeta, psi_next, NULL);
+}
+
+static void test_diagonal_of_the_root_may_be_the_least_number(void) {
+	for (size_t j = 0; j < 9; j++) {
+		for (int below = 0; below < 2; below++) {
+			begin(&KOOP(form_sqrt), 1, 8);
+			e.config.form->set(&e.rls, 0, j, j, REAL_MIN * (below ? (real)1.99 : 2));
+			CHECK_STATUS(below ? KOOP_E_INDEFINITE : KOOP_OK, update_without(j, 1));
+			begin(&KOOP(form_sqrt), 1, 8); /* and less by the trace: 8, to be 8 / 2^20 */
+			e.config.form->set(&e.rls, 0, j, j, REAL_MIN * (below ? (real)2047 : 2048));
+			wanted.trace = (real)exp2(-17);
+			CHECK_STATUS(below ? KOOP_E_INDEFINITE : KOOP_OK, update_without(j, 1));
+		}
+	}
+}
+
+/* The trace comes to 4 and is 2^-6 before, of which a quarter may be left: by 2^10 times what it is to be. */
+static void test_factor_of_the_trace_fits_the_range(void) {
+	const int most = TEST_DOUBLE ? DBL_MAX_EXP : FLT_MAX_EXP;
+	for (int over = 0; over < 2; over++) {
+		begin(&KOOP(form_sqrt), (real)exp2(-8), 3);
+		wanted.trace = (real)((over ? 1.01 : 0.99) * exp2(most - 8));
+		CHECK_STATUS(over ? KOOP_E_OVERFLOW : KOOP_OK, update_without(0, 16));
+	}
+	begin(&KOOP(form_sqrt), 1, 3); /* the trace itself does not */
+	e.config.form->set(&e.rls, 0, 3, 3, (real)exp2(most / 2));
+	wanted.trace = 1;
+	CHECK_STATUS(KOOP_E_OVERFLOW, update(0, 0));
+}
+
+/* What is left of a trace is the sum of up to 16 squares, each of which is 0 below the least number: four times of
+ * all that is enough. */
+static void test_trace_is_large_enough_to_be_summed(void) {
+	const real p0 = 64 * REAL_MIN;
+	for (int below = 0; below < 2; below++) {
+		begin(&KOOP(form_sqrt), p0, 3);
+		if (below) { e.config.form->set(&e.rls, 0, 0, 0, (real)(0.99 * sqrt((double)p0))); }
+		wanted.trace = 256 * REAL_MIN;
+		CHECK_STATUS(below ? KOOP_E_INDEFINITE : KOOP_OK, update_without(0, (real)(1 / sqrt((double)p0))));
+	}
+}
+
+/* Two regressors that are nearly one: P is definite by three quarters of d epsilon, which is refused, or by five. */
+static void test_every_pair_of_regressors_is_told_from_one_by_d_roundings(void) {
+	enum { D = 14 };
+	for (size_t pair = 0; pair < D * D; pair++) {
+		const size_t i = pair / D, j = pair % D;
+		for (int enough = 0; j < i && enough < 2; enough++) {
+			begin(&KOOP(form_plain), 1, D - 1);
+			e.config.check = KOOP_CHECK_REPORT;
+			estimator_start(&e);
+			e.config.form->set(&e.rls, 0, i, j, 1 - (real)(enough ? 1.25 : 0.75) * D * REAL_EPSILON);
+			CHECK_STATUS(KOOP_OK, update(0, 0));
+			CHECK(e.rls.positive_definite == enough, "%zu and %zu", i, j);
+		}
+	}
+}
+
 /* ---- Indefinite ------------------------------------------------------------------------ */
 
 /* L L' less some of w w', times p0. */
@@ -330,6 +514,17 @@ static void test_information_is_that_of_the_inverse_of_the_covariance(void) {
 
 int main(void) {
 	UNITY_BEGIN();
+	RUN_TEST(test_the_diagonal_is_padded_with_zeros);
+	RUN_TEST(test_a_covariance_that_is_started_again_is_as_at_the_start);
+	RUN_TEST(test_diagonal_of_the_plain_form_may_be_the_least_number);
+	RUN_TEST(test_no_trace_cannot_be_brought_to_one);
+	RUN_TEST(test_scale_of_the_plain_form_stays_near_one);
+	RUN_TEST(test_elements_are_below_half_of_the_range);
+	RUN_TEST(test_bound_of_the_root_that_is_too_loose_is_found_again);
+	RUN_TEST(test_diagonal_of_the_root_may_be_the_least_number);
+	RUN_TEST(test_factor_of_the_trace_fits_the_range);
+	RUN_TEST(test_trace_is_large_enough_to_be_summed);
+	RUN_TEST(test_every_pair_of_regressors_is_told_from_one_by_d_roundings);
 	RUN_TEST(test_covariance_that_is_indefinite_is_refused_or_reported);
 	RUN_TEST(test_information_is_that_of_the_inverse_of_the_covariance);
 	RUN_TEST(test_every_step_makes_of_the_covariance_what_the_header_says);

@@ -20,7 +20,7 @@ static const KOOP(regulator) as_wanted = {"as wanted", 0, decide_as_wanted, 0};
 typedef struct {
 	wide before[MOST_D][MOST_D], P[MOST_D][MOST_D]; /* P before and after */
 	wide sizes[MOST_D];                             /* of what the rounding of row i is a part: its root */
-	wide scale, bound;                              /* by which P is scaled, of the elements of what is kept */
+	wide scale, bound;                              /* of P, of the elements of what is kept */
 	wide denominator;
 	int any_sign; /* 1: P may be indefinite, and its elements beyond the size that its diagonal tells */
 } expectation;
@@ -63,14 +63,16 @@ static wide write_gain(const expectation *x, const real *zeta, wide *g) {
 	for (size_t i = 0; i < regressors(); i++) {
 		g[i] = 0;
 		for (size_t j = 0; j < regressors(); j++) { g[i] += x->before[i][j] * zeta[j]; }
-		for (size_t j = 0; j < regressors(); j++) { g[i] += (wide)wanted.inflate * zeta[i] * zeta[j] * zeta[j]; }
+		for (size_t j = 0; j < regressors(); j++) {
+			g[i] += (wide)wanted.inflate * zeta[i] * zeta[j] * zeta[j];
+		}
 		sum += zeta[i] * g[i];
 	}
 	return sum;
 }
 
-/* From what it was: what is added to an element of u u' is at most u' u, and what a rotation by w adds to one of the
- * root is at most the largest of w. */
+/* From what it was: an element of u u' is at most u' u, and what a rotation by w adds to one of the root is
+ * at most the largest of w. */
 static void write_bound(expectation *x, const real *zeta, const wide *g, wide denominator) {
 	const wide was = (wide)e.rls.covariance_bound * e.rls.covariance_scale;
 	wide growth = 0, largest = 0;
@@ -115,8 +117,8 @@ static void check_covariance(const expectation *x, int round) {
 	for (size_t i = 0; i < regressors(); i++) {
 		for (size_t j = 0; j < regressors(); j++) {
 			const wide off = fabs(element(i, j) - x->P[i][j]) / (x->sizes[i] * x->sizes[j]);
-			CHECK(off <= 40 * REAL_EPSILON, "%s round %d: P[%zu][%zu] %g, not %g", estimator_name(&e), round, i, j,
-			      (double)element(i, j), (double)x->P[i][j]);
+			CHECK(off <= 40 * REAL_EPSILON, "%s round %d: P[%zu][%zu] %g, not %g", estimator_name(&e), round,
+			      i, j, (double)element(i, j), (double)x->P[i][j]);
 		}
 	}
 }
@@ -125,10 +127,10 @@ static void check_covariance(const expectation *x, int round) {
 
 static void check_bound(const expectation *x, int round) {
 	const wide bound = (wide)e.rls.covariance_bound * e.rls.covariance_scale;
-	CHECK(bound >= largest_kept() * (1 - 4 * REAL_EPSILON), "%s round %d: %g beyond %g", estimator_name(&e), round,
-	      (double)largest_kept(), (double)bound);
-	CHECK(fabs(bound / x->bound - 1) <= 100 * REAL_EPSILON, "%s round %d: bound %g, not %g", estimator_name(&e),
-	      round, (double)bound, (double)x->bound);
+	CHECK(bound >= largest_kept() * (1 - 4 * REAL_EPSILON), "%s round %d: %g beyond %g", estimator_name(&e),
+	      round, (double)largest_kept(), (double)bound);
+	CHECK(fabs(bound / x->bound - 1) <= 100 * REAL_EPSILON, "%s round %d: bound %g, not %g",
+	      estimator_name(&e), round, (double)bound, (double)x->bound);
 	CHECK(e.rls.covariance_scale > (real)1 / 1024 && e.rls.covariance_scale < 1024, "scale %g",
 	      (double)e.rls.covariance_scale);
 }
@@ -161,7 +163,7 @@ static void take(snapshot *s) {
 static void check_same(const snapshot *before, int round) {
 	static snapshot after;
 	take(&after);
-	CHECK(memcmp(before, &after, sizeof after) == 0, "%s round %d: refused, but changed", estimator_name(&e), round);
+	CHECK(memcmp(before, &after, sizeof after) == 0, "%s round %d: changed", estimator_name(&e), round);
 }
 
 /* Learns one sample; P becomes what it should, or stays as it was. The regressor is not touched. */
@@ -189,17 +191,22 @@ static wide largest_diagonal(void) {
 	return most;
 }
 
-/* A regressor that P takes for one of about 1, and a step of which each part may be next to nothing or the most of
- * it. */
+/* 10 to a power between the two */
+static double decades(random_source *random, double from, double to) {
+	return pow(10, (double)random_uniform(random, from, to));
+}
+
+/* A regressor of about the size that P calls for, and a step of which each part may be next to nothing or the
+ * most of it. */
 static void random_sample(random_source *random, real *zeta) {
-	const double P = (double)largest_diagonal(), size = pow(10, (double)random_uniform(random, -1, 0.5)) / sqrt(P);
+	const double P = (double)largest_diagonal(), size = decades(random, -1, 0.5) / sqrt(P);
 	random_fill(random, zeta, regressors(), -size, size);
 	if (random_below(random, 3) == 0) { zeta[random_below(random, regressors())] = 0; }
-	wanted = (KOOP(step)){(real)pow(10, (double)random_uniform(random, -1, 1)), 1, 0, 0, 1, 1};
+	wanted = (KOOP(step)){(real)decades(random, -1, 1), 1, 0, 0, 1, 1};
 	const size_t kind = random_below(random, 4), inflated = random_below(random, 2);
 	if (kind == 0) { wanted.scale = (real)pow(2, (double)random_uniform(random, -4, 6)); }
-	if (kind == 1) { wanted.trace = (real)(P * pow(10, (double)random_uniform(random, -4, 4))); }
-	if (inflated) { wanted.inflate = (real)(P / size / size * pow(10, (double)random_uniform(random, -3, 1))); }
+	if (kind == 1) { wanted.trace = (real)(P * decades(random, -4, 4)); }
+	if (inflated) { wanted.inflate = (real)(P / size / size * decades(random, -3, 1)); }
 }
 
 static void any_estimator(random_source *random, int check) {
@@ -221,8 +228,8 @@ static void test_every_step_makes_of_the_covariance_what_the_header_says(void) {
 			real zeta[MOST_D];
 			random_sample(&random, zeta);
 			const int status = check_update(&x, zeta, round);
-			CHECK(status == KOOP_OK || status == KOOP_E_INDEFINITE, "%s round %d: status %d", estimator_name(&e),
-			      round, status);
+			CHECK(status == KOOP_OK || status == KOOP_E_INDEFINITE, "%s round %d: status %d",
+			      estimator_name(&e), round, status);
 			taken += status == KOOP_OK;
 		}
 	}
@@ -237,7 +244,8 @@ static void check_diagonal(int round) {
 	e.config.form->diagonal(&e.rls, diagonal);
 	for (size_t i = 0; i < rows; i++) {
 		const wide right = i < d ? element(i, i) : 0;
-		CHECK(fabs(diagonal[i] - right) <= 40 * REAL_EPSILON * right, "%s round %d: %zu", estimator_name(&e), round, i);
+		CHECK(fabs(diagonal[i] - right) <= 40 * REAL_EPSILON * right, "%s round %d: %zu", estimator_name(&e),
+		      round, i);
 	}
 	for (size_t i = rows; i < rows + 8; i++) { TEST_ASSERT_TRUE(diagonal[i] >= 7 && diagonal[i] <= 7); }
 }
@@ -348,8 +356,23 @@ static void test_bound_of_the_root_that_is_too_loose_is_found_again(void) {
 	}
 }
 
-/* A quarter of it is left of some rows of P, by a regressor of three elements, and half of the root. Whichever
- * element of the diagonal is the least of the range then, it is taken, and what is less is not. */
+/* By the largest element as it is, and what this update can add to it. */
+static void test_bound_that_is_found_again_is_one_after_the_update(void) {
+	for (int f = 0; f < FORMS; f++) {
+		begin(all_forms[f], 1, 3);
+		e.rls.covariance_bound = REAL_MAX;
+		wanted = (KOOP(step)){1, 4, 9, 0, 1, 1};
+		CHECK_STATUS(KOOP_OK, update(1, 0));
+		/* the root: twice 2, of four elements of 1, and 3; P: 4 times 1, and 9, and 10 10 / (1 + 10) */
+		const wide right = f ? 2 * (2 + 3) : 4 * (1 + 9 + 100 / (wide)11);
+		const wide bound = (wide)e.rls.covariance_bound * e.rls.covariance_scale;
+		CHECK(fabs(bound / right - 1) < 8 * REAL_EPSILON, "%s: %g, not %g", estimator_name(&e), (double)bound,
+		      (double)right);
+	}
+}
+
+/* A regressor of three elements may leave a quarter of P and half of its root. Whichever element of the
+ * diagonal is the least of the range then, it is taken, and what is less is not. */
 static int update_without(size_t j, real size) {
 	real zeta[MOST_D] = {0}, psi_next[MOST_N] = {0};
 	const size_t d = regressors();
@@ -383,10 +406,13 @@ static void test_factor_of_the_trace_fits_the_range(void) {
 	e.config.form->set(&e.rls, 0, 3, 3, (real)exp2(most / 2));
 	wanted.trace = 1;
 	CHECK_STATUS(KOOP_E_OVERFLOW, update(0, 0));
+	begin(&KOOP(form_sqrt), (real)0.25, 3); /* a trace of 1 */
+	wanted.trace = REAL_MAX;
+	CHECK_STATUS(KOOP_E_OVERFLOW, update(0, 0));
 }
 
-/* What is left of a trace is the sum of up to 16 squares, each of which is 0 below the least number: four times of
- * all that is enough. */
+/* What is left of a trace is the sum of up to 16 squares, each of which is 0 below the least number: four
+ * times all of that is enough. */
 static void test_trace_is_large_enough_to_be_summed(void) {
 	const real p0 = 64 * REAL_MIN;
 	for (int below = 0; below < 2; below++) {
@@ -397,7 +423,7 @@ static void test_trace_is_large_enough_to_be_summed(void) {
 	}
 }
 
-/* Two regressors that are nearly one: P is definite by three quarters of d epsilon, which is refused, or by five. */
+/* P is definite by three quarters of d epsilon, which is not enough, or by five. */
 static void test_every_pair_of_regressors_is_told_from_one_by_d_roundings(void) {
 	enum { D = 14 };
 	for (size_t pair = 0; pair < D * D; pair++) {
@@ -455,7 +481,8 @@ static int check_indefinite(random_source *random, int round) {
 	const double size = 1 / sqrt((double)e.config.p0);
 	random_fill(random, zeta, regressors(), -size, size);
 	wanted = (KOOP(step)){(real)0.5, (real)random_uniform(random, 0.5, 2), 0, 0, 1, 1};
-	if (round % 2) { wanted.inflate = (real)((double)e.config.p0 * (double)e.config.p0 * random_uniform(random, 0, 1)); }
+	const double p0 = (double)e.config.p0;
+	if (round % 2) { wanted.inflate = (real)(p0 * p0 * (double)random_uniform(random, 0, 1)); }
 	x.any_sign = 1;
 	const int status = check_update(&x, zeta, round), report = e.config.check == KOOP_CHECK_REPORT;
 	const int denominator = sign_of(x.denominator, 1);
@@ -495,9 +522,9 @@ static wide information(const real *zeta) {
 static void test_information_is_that_of_the_inverse_of_the_covariance(void) {
 	random_source random = random_seed(83);
 	for (int round = 0; round < ESTIMATORS; round++) {
-		estimator_settings(&e, 1 + random_below(&random, MOST_N), 1 + random_below(&random, MOST_M), &KOOP(reg_sift),
-		                   all_forms[round % 2]);
-		e.config.p0 = (real)pow(10, (double)random_uniform(&random, -6, 6));
+		const size_t N = 1 + random_below(&random, MOST_N), m = 1 + random_below(&random, MOST_M);
+		estimator_settings(&e, N, m, &KOOP(reg_sift), all_forms[round % 2]);
+		e.config.p0 = (real)decades(&random, -6, 6);
 		estimator_start(&e);
 		for (int k = 0; k < UPDATES; k++) {
 			real zeta[MOST_D], psi_next[MOST_N] = {0};
@@ -505,8 +532,8 @@ static void test_information_is_that_of_the_inverse_of_the_covariance(void) {
 			random_fill(&random, zeta, regressors(), -size, size);
 			memcpy(e.rls.zeta, zeta, regressors() * sizeof *zeta);
 			const wide right = information(zeta), found = e.config.form->information(&e.rls);
-			CHECK(fabs(found / right - 1) < 2000 * REAL_EPSILON, "%s round %d: %g, not %g", estimator_name(&e),
-			      round, (double)found, (double)right);
+			CHECK(fabs(found / right - 1) < 2000 * REAL_EPSILON, "%s round %d: %g, not %g",
+			      estimator_name(&e), round, (double)found, (double)right);
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
 		}
 	}
@@ -521,6 +548,7 @@ int main(void) {
 	RUN_TEST(test_scale_of_the_plain_form_stays_near_one);
 	RUN_TEST(test_elements_are_below_half_of_the_range);
 	RUN_TEST(test_bound_of_the_root_that_is_too_loose_is_found_again);
+	RUN_TEST(test_bound_that_is_found_again_is_one_after_the_update);
 	RUN_TEST(test_diagonal_of_the_root_may_be_the_least_number);
 	RUN_TEST(test_factor_of_the_trace_fits_the_range);
 	RUN_TEST(test_trace_is_large_enough_to_be_summed);

@@ -1,5 +1,5 @@
-/* Newton's method against the Hessian written out: the plan after each of its steps, and what its factor stands
- * for, with every choice of inputs that limits hold, all sizes, and weights of all magnitudes. */
+/* Newton's method against the Hessian written out: the plan after each of its steps, and what its factor
+ * stands for, with all choices of inputs that limits hold, all sizes, and weights of all magnitudes. */
 #include "support.h"
 
 enum { MOST_N = 6, MOST_n = 4, MOST_M = 5, MOST_V = 30, STEPS = 4, FREE = 0 };
@@ -74,8 +74,9 @@ static void random_limits(random_source *random) {
 static void random_problem(random_source *random, size_t round) {
 	memset(&p, 0, sizeof p);
 	const size_t m = 1 + round % MOST_M, H = 1 + round / MOST_M % (MOST_V / m);
-	p.c = (KOOP(mpc_config)){1 + random_below(random, MOST_N), 1, m, H, p.Q, p.R, p.S, p.low, p.high, p.safe, 0, 0};
-	p.c.n_states += random_below(random, p.c.n_lifted < MOST_n ? p.c.n_lifted : MOST_n);
+	const size_t N = 1 + random_below(random, MOST_N);
+	p.c = (KOOP(mpc_config)){N, 1, m, H, p.Q, p.R, p.S, p.low, p.high, p.safe, 0, KOOP_MPC_NEWTON};
+	p.c.n_states += random_below(random, N < MOST_n ? N : MOST_n);
 	p.rate = (int)random_below(random, 2);
 	if (!p.rate) { p.c.S = NULL; }
 	p.weight = (wide)pow(10, (double)random_uniform(random, -6, 6));
@@ -189,8 +190,8 @@ static wide residual_of(const wide *v) {
 
 /* ---- Newton's method, slowly ---------------------------------------------------- */
 
-/* Where the slope of input q vanishes once those that come later have done their best: the first of those up to q,
- * later steps first, that are free. */
+/* Where the slope of input q vanishes once the free ones that come later, which stand before it, have done
+ * their best. */
 static wide best_input(const stage *s, size_t q) {
 	static wide M[MOST_V * MOST_V], step[MOST_V];
 	size_t free[MOST_V], count = 0;
@@ -291,7 +292,7 @@ static int was_dropped(size_t k) {
 static void check_factor(const stage *s, size_t round) {
 	size_t row[MOST_V], of[MOST_V], rows = 0, count = 0;
 	for (size_t q = 0; q < dense.V; q++) {
-		CHECK((s->set[q] == FREE) == (mpc.set[q] == FREE), "round %zu: input %zu held %d", round, q, mpc.set[q]);
+		CHECK((s->set[q] == FREE) == (mpc.set[q] == FREE), "round %zu: input %zu: %d", round, q, mpc.set[q]);
 		if (s->set[q] == FREE) {
 			row[count] = rows;
 			of[count++] = q;
@@ -308,8 +309,8 @@ static void check_factor(const stage *s, size_t round) {
 			}
 			const wide right = dense.hessian[of[a]][of[b]];
 			const wide size = sqrt(dense.hessian[of[a]][of[a]] * dense.hessian[of[b]][of[b]]);
-			CHECK(fabs(sum - right) <= 40 * REAL_EPSILON * size, "round %zu: (%zu, %zu) %g, not %g", round, of[a],
-			      of[b], (double)sum, (double)right);
+			CHECK(fabs(sum - right) <= 40 * REAL_EPSILON * size, "round %zu: (%zu, %zu) %g, not %g", round,
+			      of[a], of[b], (double)sum, (double)right);
 		}
 	}
 }
@@ -348,8 +349,8 @@ static void test_each_step_and_its_factor_are_those_of_the_hessian_written_out(v
 	TEST_ASSERT_TRUE(seen > rounds / 4);
 }
 
-/* An input that does nothing, and costs less than a rounding of what another does: the Hessian is singular in this
- * precision. With the other free it is in a leading block, else behind one that is not whole. */
+/* An input that does nothing, and costs less than a rounding of what another does: the Hessian is singular in
+ * this precision. With the other free it is in a leading block, else behind one that is not whole. */
 static void test_input_that_neither_does_nor_costs_anything_makes_the_hessian_singular(void) {
 	static const real theta[3 * 4] = {0, 0, 0, 0, 1}, psi[1] = {0}, reference[1] = {10}, Q[1] = {1};
 	static const real R[4] = {1, 0, 0, REAL_EPSILON}, low[2] = {-1, -1}, high[2] = {1, 1};

@@ -315,6 +315,27 @@ static void check_factor(const stage *s, size_t round) {
 	}
 }
 
+/* What inputs do, what would come without them, and the Hessian's diagonal. */
+static void check_condensed(size_t round) {
+	const size_t n = p.c.n_states, m = p.c.n_inputs, H = p.c.horizon;
+	for (size_t k = 0; k < H; k++) {
+		real G[MOST_n * MOST_M];
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_sensitivity)(&mpc, k, G));
+		for (size_t i = 0; i < n * m; i++) {
+			const wide off = fabs(G[i] - response[k][i % m][i / m]);
+			CHECK(off <= 40 * REAL_EPSILON, "round %zu: sensitivity %zu is off by %g", round, k, (double)off);
+		}
+		for (size_t i = 0; i < n; i++) {
+			const wide off = fabs(mpc.free_error[i * KOOP_MPC_PAD(H) + H - 1 - k] - error[k][i]);
+			CHECK(off <= 40 * REAL_EPSILON, "round %zu: error %zu is off by %g", round, k, (double)off);
+		}
+	}
+	for (size_t q = 0; q < dense.V; q++) {
+		const wide off = fabs(mpc.inverse[q] * dense.hessian[q][q] - 1);
+		CHECK(off <= 40 * REAL_EPSILON, "round %zu: diagonal %zu is off by %g", round, q, (double)off);
+	}
+}
+
 /* Returns whether there was anything to see. */
 static int check_problem(random_source *random, size_t round) {
 	stage s;
@@ -336,6 +357,7 @@ static int check_problem(random_source *random, size_t round) {
 	}
 	CHECK(fabs(result.residual - s.residual) <= 2000 * REAL_EPSILON, "round %zu: residual %g, not %g", round,
 	      (double)result.residual, (double)s.residual);
+	check_condensed(round);
 	check_factor(&s, round);
 	return 1;
 }
@@ -347,6 +369,40 @@ static void test_each_step_and_its_factor_are_those_of_the_hessian_written_out(v
 	for (size_t round = 0; round < rounds; round++) { seen += (size_t)check_problem(&random, round); }
 	printf("%zu of %zu problems\n", seen, rounds);
 	TEST_ASSERT_TRUE(seen > rounds / 4);
+}
+
+/* The least cost that has a finite inverse, and half of it, which some processors take for 0. */
+static void test_least_cost_of_an_input(void) {
+	static const real theta[2 * 4] = {1}, psi[1] = {0}, reference[1] = {0}, Q[1] = {1};
+	static const real low[1] = {-1}, high[1] = {1}, safe[1] = {0};
+	for (int below = 0; below < 2; below++) {
+		const real R[1] = {below ? REAL_MIN / 2 : REAL_MIN};
+		const KOOP(mpc_config) config = {1, 1, 1, 1, Q, R, NULL, low, high, safe, 0, KOOP_MPC_NEWTON};
+		real u[1];
+		int status = KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage);
+		if (status == KOOP_OK) { status = KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL); }
+		CHECK((status == KOOP_OK) == !below, "status %d", status);
+	}
+}
+
+/* A step leads to the optimum, the next takes away what round-off has left of it, and there is no third. */
+static void test_two_steps_are_enough_where_no_limit_holds(void) {
+	random_source random = random_seed(72);
+	for (size_t round = 0; round < 150; round++) {
+		real u[MOST_M];
+		KOOP(mpc_result) result;
+		random_problem(&random, round);
+		for (size_t j = 0; j < p.c.n_inputs; j++) {
+			p.low[j] = -100;
+			p.high[j] = 100;
+			p.safe[j] = 1;
+		}
+		p.c.tolerance = REAL_MIN;
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.c, storage, sizeof storage / sizeof *storage));
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p.theta, p.psi, p.reference, p.before, u, &result));
+		CHECK(result.iterations <= 2, "round %zu: %zu steps", round, result.iterations);
+		CHECK(result.residual <= 2000 * REAL_EPSILON, "round %zu: %g", round, (double)result.residual);
+	}
 }
 
 /* An input that does nothing, and costs less than a rounding of what another does: the Hessian is singular in
@@ -366,6 +422,8 @@ static void test_input_that_neither_does_nor_costs_anything_makes_the_hessian_si
 
 int main(void) {
 	UNITY_BEGIN();
+	RUN_TEST(test_least_cost_of_an_input);
+	RUN_TEST(test_two_steps_are_enough_where_no_limit_holds);
 	RUN_TEST(test_input_that_neither_does_nor_costs_anything_makes_the_hessian_singular);
 	RUN_TEST(test_each_step_and_its_factor_are_those_of_the_hessian_written_out);
 	return UNITY_END();

@@ -388,7 +388,7 @@ static void test_least_cost_of_an_input(void) {
 /* A step leads to the optimum, the next takes away what round-off has left of it, and there is no third. */
 static void test_two_steps_are_enough_where_no_limit_holds(void) {
 	random_source random = random_seed(72);
-	for (size_t round = 0; round < 150; round++) {
+	for (size_t round = 0; round < 150 / TEST_SHARE; round++) {
 		real u[MOST_M];
 		KOOP(mpc_result) result;
 		random_problem(&random, round);

@@ -405,19 +405,51 @@ static void test_two_steps_are_enough_where_no_limit_holds(void) {
 	}
 }
 
-/* An input that does nothing, and costs less than a rounding of what another does: the Hessian is singular in
- * this precision. With the other free it is in a leading block, else behind one that is not whole. */
+enum { INPUTS = 6 };
+
+/* One step of a robot that only the input `held` pushes, to where it meets its limit; 6: none does. */
+static int solve_singular(size_t held, size_t idle, const real *safe, real *u) {
+	static const real psi[1] = {0}, reference[1] = {10}, Q[1] = {1};
+	static const real low[INPUTS] = {-1, -1, -1, -1, -1, -1}, high[INPUTS] = {1, 1, 1, 1, 1, 1};
+	real theta[(1 + INPUTS) * 4] = {0}, R[INPUTS * INPUTS] = {0};
+	const KOOP(mpc_config) config = {1, 1, INPUTS, 1, Q, R, NULL, low, high, safe, 0, KOOP_MPC_NEWTON};
+	for (size_t j = 0; j < INPUTS; j++) { R[j * (INPUTS + 1)] = j == idle ? REAL_EPSILON : 1; }
+	if (held < INPUTS) { theta[(1 + held) * 4] = 1; }
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
+	return KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL);
+}
+
+/* One that does nothing and costs less than a rounding of what others do: the Hessian is singular in this
+ * precision. Where all are free that shows in a leading block, else in one of the groups behind. */
 static void test_input_that_neither_does_nor_costs_anything_makes_the_hessian_singular(void) {
-	static const real theta[3 * 4] = {0, 0, 0, 0, 1}, psi[1] = {0}, reference[1] = {10}, Q[1] = {1};
-	static const real R[4] = {1, 0, 0, REAL_EPSILON}, low[2] = {-1, -1}, high[2] = {1, 1};
-	for (int held = 0; held < 2; held++) {
-		const real safe[2] = {(real)held, (real)0.5};
-		const KOOP(mpc_config) config = {1, 1, 2, 1, Q, R, NULL, low, high, safe, 0, KOOP_MPC_NEWTON};
-		real u[2];
-		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
-		CHECK_STATUS(KOOP_E_INDEFINITE, KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL));
+	for (size_t k = 0; k < (INPUTS + 1) * INPUTS; k++) {
+		const size_t held = k / INPUTS, idle = k % INPUTS;
+		real u[INPUTS], safe[INPUTS] = {0};
+		if (held == idle) { continue; }
+		safe[idle] = (real)0.5;
+		if (held < INPUTS) { safe[held] = 1; }
+		CHECK_STATUS(KOOP_E_INDEFINITE, solve_singular(held, idle, safe, u));
 		TEST_ASSERT_EQUAL_MEMORY(safe, u, sizeof u);
 	}
+}
+
+/* Three inputs do the same, and the first is held. What the third costs is all that makes the Hessian over
+ * the others definite: 1, 1, 1 and 1 + cost. */
+static int solve_alike(real cost, real *u) {
+	static const real theta[4 * 4] = {0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
+	static const real psi[1] = {0}, reference[1] = {10}, Q[1] = {1};
+	static const real low[3] = {-1, -1, -1}, high[3] = {1, 1, 1}, safe[3] = {1, 0, 0};
+	const real R[9] = {REAL_EPSILON, 0, 0, 0, REAL_EPSILON / 8, 0, 0, 0, cost};
+	const KOOP(mpc_config) config = {1, 1, 3, 1, Q, R, NULL, low, high, safe, 0, KOOP_MPC_NEWTON};
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
+	return KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL);
+}
+
+static void test_hessian_that_is_definite_by_a_rounding_is_refused(void) {
+	real u[3];
+	CHECK_STATUS(KOOP_E_INDEFINITE, solve_alike(REAL_EPSILON, u));
+	CHECK_STATUS(KOOP_OK, solve_alike(4 * REAL_EPSILON, u));
+	for (size_t j = 0; j < 3; j++) { TEST_ASSERT_TRUE(u[j] >= 1 && u[j] <= 1); }
 }
 
 int main(void) {
@@ -425,6 +457,7 @@ int main(void) {
 	RUN_TEST(test_least_cost_of_an_input);
 	RUN_TEST(test_two_steps_are_enough_where_no_limit_holds);
 	RUN_TEST(test_input_that_neither_does_nor_costs_anything_makes_the_hessian_singular);
+	RUN_TEST(test_hessian_that_is_definite_by_a_rounding_is_refused);
 	RUN_TEST(test_each_step_and_its_factor_are_those_of_the_hessian_written_out);
 	return UNITY_END();
 }

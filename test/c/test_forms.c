@@ -119,6 +119,9 @@ static void check_covariance(const expectation *x, int round) {
 			const wide off = fabs(element(i, j) - x->P[i][j]) / (x->sizes[i] * x->sizes[j]);
 			CHECK(off <= 40 * REAL_EPSILON, "%s round %d: P[%zu][%zu] %g, not %g", estimator_name(&e), round,
 			      i, j, (double)element(i, j), (double)x->P[i][j]);
+			const wide told = e.config.form->element(&e.rls, i, j), size = x->sizes[i] * x->sizes[j];
+			CHECK(fabs(told - element(i, j)) <= 40 * REAL_EPSILON * size, "%s round %d: P[%zu][%zu] is told %g",
+			      estimator_name(&e), round, i, j, (double)told);
 		}
 	}
 }
@@ -439,6 +442,17 @@ static void test_every_pair_of_regressors_is_told_from_one_by_d_roundings(void) 
 	}
 }
 
+/* And by d epsilon themselves, so that without them nothing is left. */
+static void test_definite_by_d_roundings_is_not_enough(void) {
+	const real diagonal = 1 + 2 * REAL_EPSILON;
+	begin(&KOOP(form_plain), diagonal, 1);
+	e.config.check = KOOP_CHECK_REPORT;
+	estimator_start(&e);
+	e.config.form->set(&e.rls, 0, 1, 0, 1);
+	CHECK_STATUS(KOOP_OK, update(0, 0));
+	TEST_ASSERT_EQUAL_INT(0, e.rls.positive_definite);
+}
+
 /* ---- Indefinite ------------------------------------------------------------------------ */
 
 /* L L' less some of w w', times p0. */
@@ -553,6 +567,7 @@ int main(void) {
 	RUN_TEST(test_factor_of_the_trace_fits_the_range);
 	RUN_TEST(test_trace_is_large_enough_to_be_summed);
 	RUN_TEST(test_every_pair_of_regressors_is_told_from_one_by_d_roundings);
+	RUN_TEST(test_definite_by_d_roundings_is_not_enough);
 	RUN_TEST(test_covariance_that_is_indefinite_is_refused_or_reported);
 	RUN_TEST(test_information_is_that_of_the_inverse_of_the_covariance);
 	RUN_TEST(test_every_step_makes_of_the_covariance_what_the_header_says);

@@ -120,8 +120,8 @@ static void check_covariance(const expectation *x, int round) {
 			CHECK(off <= 40 * REAL_EPSILON, "%s round %d: P[%zu][%zu] %g, not %g", estimator_name(&e), round,
 			      i, j, (double)element(i, j), (double)x->P[i][j]);
 			const wide told = e.config.form->element(&e.rls, i, j), size = x->sizes[i] * x->sizes[j];
-			CHECK(fabs(told - element(i, j)) <= 40 * REAL_EPSILON * size, "%s round %d: P[%zu][%zu] is told %g",
-			      estimator_name(&e), round, i, j, (double)told);
+			CHECK(fabs(told - element(i, j)) <= 40 * REAL_EPSILON * size, "%s round %d: told %g, is %g",
+			      estimator_name(&e), round, (double)told, (double)element(i, j));
 		}
 	}
 }

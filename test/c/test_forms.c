@@ -293,7 +293,7 @@ static void begin(const KOOP(form) *form, real p0, size_t N) {
 }
 
 static int update(real first, real second) {
-	const real zeta[MOST_D] = {first, second}, psi_next[MOST_N] = {0};
+	const real zeta[MOST_D] = {first, second}, psi_next[MOST_D] = {0};
 	return estimator_update(&e, zeta, psi_next, NULL);
 }
 

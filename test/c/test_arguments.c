@@ -290,6 +290,24 @@ static void test_plain_form_pays_only_for_what_it_uses(void) {
 	TEST_ASSERT_TRUE(sift == without + KOOP_SYMMETRIC(24));
 }
 
+/* What each regulator and check needs of storage: P, P^-1 for SIFt alone, and a factor where P is factored.
+ */
+static void test_plain_form_needs_what_is_said(void) {
+	for (int r = 0; r < REGULATORS; r++) {
+		for (int check = 0; check < 3; check++) {
+			size_t reals = 0;
+			estimator_settings(&e, 5, 2, all_regulators[r], &KOOP(form_plain));
+			e.config.check = check;
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reals)(&e.config, &reals));
+			const size_t matrices = all_regulators[r] == &KOOP(reg_sift) ? 2 : 1;
+			const size_t factor = check == KOOP_CHECK_DIAGONAL ? 0 : KOOP_TRIANGLE(7);
+			const size_t expected = KOOP_RLS_REALS(5, 7, matrices * KOOP_SYMMETRIC(7) + factor);
+			CHECK(reals == expected, "%s: %u instead of %u", estimator_name(&e), (unsigned)reals,
+			      (unsigned)expected);
+		}
+	}
+}
+
 static void test_each_status_has_its_own_message(void) {
 	for (int a = KOOP_E_OUTLIER; a <= KOOP_OK; a++) {
 		const char *message = KOOP(status_message)(a);
@@ -318,5 +336,6 @@ int main(void) {
 	RUN_TEST(test_storage_is_exact);
 	RUN_TEST(test_plain_form_pays_only_for_what_it_uses);
 	RUN_TEST(test_each_status_has_its_own_message);
+	RUN_TEST(test_plain_form_needs_what_is_said);
 	return UNITY_END();
 }

@@ -239,6 +239,30 @@ static void test_health_of_an_accepted_sample(void) {
 	}
 }
 
+/* What is outside its storage, too. */
+static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
+	static estimator fresh;
+	for (int r = 0; r < REGULATORS; r++) {
+		for (int f = 0; f < FORMS; f++) {
+			random_source random = random_seed(26);
+			estimator_default(&fresh, N, M, all_regulators[r], all_forms[f]);
+			estimator_default(&e, N, M, all_regulators[r], all_forms[f]);
+			e.config.delta = (real)0.01;
+			estimator_teach(&e, &random, 30);
+			e.rls.positive_definite = 0;
+			e.rls.mended = 5;
+			e.config.delta = fresh.config.delta;
+			estimator_start(&e);
+			TEST_ASSERT_EQUAL_MEMORY(fresh.rls.theta, e.rls.theta, e.rls.kept * sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.theta_bound, &e.rls.theta_bound, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_bound, &e.rls.covariance_bound, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_scale, &e.rls.covariance_scale, sizeof(real));
+			TEST_ASSERT_EQUAL_INT(1, e.rls.positive_definite);
+			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+		}
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_starts_from_nothing);
@@ -251,5 +275,6 @@ int main(void) {
 	RUN_TEST(test_prediction_changes_nothing);
 	RUN_TEST(test_reset_keeps_theta);
 	RUN_TEST(test_health_of_an_accepted_sample);
+	RUN_TEST(test_an_estimator_that_begins_again_is_as_a_new_one);
 	return UNITY_END();
 }

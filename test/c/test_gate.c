@@ -484,6 +484,9 @@ static void test_arguments(void) {
 	estimator_default(&twin, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
 	twin.rls.config.check = e.rls.config.check + 1;
 	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
+	estimator_default(&twin, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
+	twin.rls.config.checksum = 1;
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
 	CHECK_STATUS(KOOP_OK, KOOP(gate_update)(&gate, &e.rls, zeta, zeta, psi_next, NULL));
 	e.rls.config.p0 = -1;
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));

@@ -140,6 +140,18 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(lowpass_step)(&filter, &x, NULL));
 }
 
+/* A sample is too large from a 64th of the range on, of either sign and in any channel. */
+static void test_a_sample_may_be_below_a_64th_of_the_range(void) {
+	for (int i = 0; i < 6; i++) {
+		KOOP(lowpass) filter = filter_of(3, 5, 100);
+		real x[3] = {1, 2, 3}, y[3];
+		x[i % 3] = REAL_MAX / 64 * (real)(i < 3 ? 1 : -1);
+		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(lowpass_step)(&filter, x, y));
+		x[i % 3] *= 1 - REAL_EPSILON;
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, x, y));
+	}
+}
+
 /* Where a thousandth of the rate underflows to 0, a cutoff of 0 is not above it. */
 static void test_rate_at_the_end_of_the_range(void) {
 	KOOP(lowpass) filter;
@@ -170,5 +182,6 @@ int main(void) {
 	RUN_TEST(test_arguments);
 	RUN_TEST(test_rate_at_the_end_of_the_range);
 	RUN_TEST(test_lasts);
+	RUN_TEST(test_a_sample_may_be_below_a_64th_of_the_range);
 	return UNITY_END();
 }

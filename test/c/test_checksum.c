@@ -121,6 +121,25 @@ static void test_sum_is_renewed_by_every_change(void) {
 	}
 }
 
+/* What it is of, in words of 32 bits: Theta and P, then three numbers. The first is their sum, the second
+ * that of each times its distance from the end. */
+static void test_the_sum_is_what_is_said(void) {
+	for (size_t f = 0; f < FORMS; f++) {
+		start(&KOOP(reg_sift), all_forms[f], 1);
+		const real numbers[] = {e.rls.covariance_scale, e.rls.theta_bound, e.rls.covariance_bound};
+		const size_t most = learned_reals() * sizeof(real) / 4, count = most + sizeof numbers / 4;
+		uint64_t words = 0, places = 0;
+		for (size_t i = 0; i < count; i++) {
+			const unsigned char *theta = (const unsigned char *)e.rls.theta;
+			uint32_t word;
+			memcpy(&word, i < most ? theta + 4 * i : (const unsigned char *)numbers + 4 * (i - most), 4);
+			words += word;
+			places += (uint64_t)word * (count - i);
+		}
+		TEST_ASSERT_TRUE(words == e.rls.sum.words && places == e.rls.sum.places);
+	}
+}
+
 /* The sum changes nothing of what is learned. */
 static void test_learning_is_the_same_with_a_checksum(void) {
 	for (size_t f = 0; f < FORMS; f++) {
@@ -214,6 +233,7 @@ int main(void) {
 	RUN_TEST(test_two_bits_are_told_or_at_least_not_overlooked);
 	RUN_TEST(test_update_refuses_a_memory_that_it_cannot_mend);
 	RUN_TEST(test_sum_is_renewed_by_every_change);
+	RUN_TEST(test_the_sum_is_what_is_said);
 	RUN_TEST(test_learning_is_the_same_with_a_checksum);
 	RUN_TEST(test_refused_samples_leave_the_sum_alone);
 	RUN_TEST(test_a_setting_that_is_none_is_refused);

@@ -293,7 +293,25 @@ static void check_counts(void) {
 	TEST_ASSERT_EQUAL_size_t(twin.mended[1], gate.saved.mended);
 }
 
+/* The sum of words of 32 bits and that of each times its distance from the end, for a gate of a learner that
+ * has a checksum. */
+static void check_checksum(void) {
+	const size_t from = offsetof(KOOP(gate), early), state = offsetof(KOOP(gate), sum) - from;
+	const size_t means = 3 * twin.N * sizeof(real);
+	uint32_t words[(3 * MOST_N * sizeof(real) + sizeof(KOOP(gate))) / 4];
+	koop_checksum expected = {0, 0};
+	memcpy(words, gate.usual, means);
+	memcpy(words + means / 4, (const unsigned char *)&gate + from, state);
+	const size_t count = (means + state) / 4;
+	for (size_t i = 0; i < count; i++) {
+		expected.words += words[i];
+		expected.places += (uint64_t)words[i] * (count - i);
+	}
+	TEST_ASSERT_EQUAL_MEMORY(&expected, &gate.sum, sizeof expected);
+}
+
 static void check_all(void) {
+	if (e.config.checksum) { check_checksum(); }
 	check_counts();
 	check_models();
 	check_means(gate.usual, twin.usual, "usual");
@@ -631,6 +649,39 @@ static void test_recent_samples_count_for_what_is_admitted_at_most(void) {
 	check_exactly(4, gate.recent[0]); /* a square of what it is leaves it alone */
 }
 
+/* Eight samples whose mean square is 1.5 times what is usual by the floor, or less by a rounding of one. */
+static void a_window_of_one_and_a_half(int less) {
+	static const double sizes[ONE_WINDOW] = {4, 2, 0, 2, 2, 0, 4, 2};
+	for (int k = 0; k < ONE_WINDOW; k++) {
+		const double size = k == 0 && less ? 4 * (1 - 8 * (double)REAL_EPSILON) : sizes[k];
+		TEST_ASSERT_EQUAL_INT(0, innovations(1, size, 0, 1));
+	}
+}
+
+static void test_a_mean_square_of_one_and_a_half_is_the_first_that_is_in_doubt(void) {
+	for (int less = 0; less < 2; less++) {
+		start_fixed(1, &(KOOP(gate_config)){.floor = 2});
+		TEST_ASSERT_EQUAL_INT(0, innovations(1, 1, 0, 4 * ONE_WINDOW));
+		a_window_of_one_and_a_half(less);
+		TEST_ASSERT_EQUAL_size_t(less ? 0 : ONE_WINDOW, gate.doubted);
+	}
+}
+
+/* A change is believed as soon as samples have been in doubt for as long as `hold`, and what was usual before
+ * is kept: the mean of 24 squares of 1 and of the first window in doubt, as nobody doubted it at the time. */
+static void test_a_change_is_believed_when_hold_is_over(void) {
+	start_fixed(1, &(KOOP(gate_config)){.floor = 2, .hold = 3 * ONE_WINDOW});
+	TEST_ASSERT_EQUAL_INT(0, innovations(1, 1, 0, 4 * ONE_WINDOW));
+	for (size_t window = 1; window <= 3; window++) {
+		TEST_ASSERT_EQUAL_INT(0, gate.changed);
+		a_window_of_one_and_a_half(0);
+		TEST_ASSERT_EQUAL_size_t(window < 3 ? window * ONE_WINDOW : 0, gate.doubted);
+	}
+	TEST_ASSERT_EQUAL_INT(1, gate.changed);
+	check_exactly((24 + 48) / 32.0, gate.before[0]);
+	TEST_ASSERT_EQUAL_size_t(ONE_WINDOW, gate.known);
+}
+
 /* ---- trust, at the limits ---- */
 
 /* A window in which the mean square is exactly this many times the usual one; trust at its end. The gate
@@ -667,6 +718,8 @@ int main(void) {
 	RUN_TEST(test_each_sample_taken_makes_up_for_an_outlier);
 	RUN_TEST(test_what_is_usual_is_remembered_for_five_thousand_samples);
 	RUN_TEST(test_recent_samples_count_for_what_is_admitted_at_most);
+	RUN_TEST(test_a_mean_square_of_one_and_a_half_is_the_first_that_is_in_doubt);
+	RUN_TEST(test_a_change_is_believed_when_hold_is_over);
 	RUN_TEST(test_a_mean_square_of_five_and_of_twelve_are_the_last_before_doubt_and_alarm);
 	return UNITY_END();
 }

@@ -167,6 +167,21 @@ static void test_constant_trace_with_strong_forgetting(void) {
 	}
 }
 
+/* From a trace of nine tenths of the range, as a reset may leave it: it is not scaled by anything before. */
+static void test_constant_trace_from_the_end_of_the_range(void) {
+	for (int f = 0; f < FORMS; f++) {
+		const real zeta[2] = {0}, psi_next[1] = {0};
+		KOOP(health) health;
+		estimator_settings(&e, 1, 1, &KOOP(reg_ct), all_forms[f]);
+		e.config.tau0 = 100;
+		estimator_start(&e);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, (real)0.45 * REAL_MAX));
+		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+		CHECK(fabs((double)health.trace / 100 - 1) < 1e-5, "%s: trace %g", estimator_name(&e),
+		      (double)health.trace);
+	}
+}
+
 /* P's scale in the plain form may be the least number of the range, and no less. */
 static void test_scale_at_the_end_of_the_range(void) {
 	for (int below = 0; below < 2; below++) {
@@ -212,5 +227,6 @@ int main(void) {
 	RUN_TEST(test_settings_at_the_end_of_the_range);
 	RUN_TEST(test_root_does_not_underflow);
 	RUN_TEST(test_negative_denominator_is_refused_or_reported);
+	RUN_TEST(test_constant_trace_from_the_end_of_the_range);
 	return UNITY_END();
 }

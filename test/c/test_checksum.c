@@ -86,6 +86,8 @@ static void test_update_refuses_a_memory_that_it_cannot_mend(void) {
 	flip(e.rls.theta, 40);
 	learned_take(&before, &e);
 	CHECK_STATUS(KOOP_E_MEMORY, estimator_update(&e, zeta, psi_next, &health));
+	TEST_ASSERT_TRUE(health.innovation >= 0 && health.innovation <= 0); /* the sample was not looked at */
+	TEST_ASSERT_EQUAL_INT(0, health.gated);
 	learned_take(&after, &e);
 	TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e) && learned_same_covariance(&before, &after, &e));
 	/* a model and a P of one's own begin anew */

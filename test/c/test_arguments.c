@@ -221,7 +221,7 @@ static void test_refused_settings_leave_the_estimator(void) {
 
 static void test_reset_takes_what_settings_take(void) {
 	static const double bad[] = {
-	    0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MIN / 2};
+	    0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MAX / 2, (double)REAL_MIN / 2};
 	learned before, after;
 	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
 	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));

@@ -43,11 +43,13 @@ static void test_numbers_beside_the_storage_are_mended(void) {
 	start(&KOOP(reg_ef), &KOOP(form_plain), 1);
 	real *const numbers[] = {&e.rls.covariance_scale, &e.rls.theta_bound, &e.rls.covariance_bound};
 	for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
-		const real kept = *numbers[i];
+		const real kept[] = {*numbers[0], *numbers[1], *numbers[2]};
 		for (size_t bit = 0; bit < 8 * sizeof(real); bit++) {
 			flip(numbers[i], bit);
 			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-			CHECK(memcmp(numbers[i], &kept, sizeof kept) == 0, "number %zu, bit %zu", i, bit);
+			for (size_t k = 0; k < 3; k++) {
+				CHECK(memcmp(numbers[k], &kept[k], sizeof *kept) == 0, "number %zu, bit %zu", i, bit);
+			}
 		}
 	}
 }

@@ -492,6 +492,28 @@ static void test_what_cannot_be_mended_changes_trust_alone(void) {
 	check_means(before.recent, twin.recent, "recent");
 }
 
+/* Whether P is known not to be positive definite is saved and comes back with it. The learner, spoilt, gets
+ * what is saved, and an outlier leaves that as it is. */
+static void test_definiteness_is_saved_and_comes_back(void) {
+	for (int saved = 0; saved < 2; saved++) {
+		real zeta[MOST_D], psi_next[MOST_N];
+		random = random_seed(403);
+		start(3, 2, &KOOP(reg_ef), &KOOP(form_plain), &(KOOP(gate_config)){0}, 1);
+		for (int k = 0; k < 100; k++) {
+			sample_of(WELL, zeta, psi_next);
+			CHECK_STATUS(KOOP_OK, KOOP(gate_update)(&gate, &e.rls, zeta, zeta + 3, psi_next, NULL));
+		}
+		gate.saved.positive_definite = saved;
+		e.rls.positive_definite = !saved;
+		flip_two(&e.rls.sum);
+		psi_next[1] += 100;
+		CHECK_STATUS(KOOP_E_OUTLIER, KOOP(gate_update)(&gate, &e.rls, zeta, zeta + 3, psi_next, NULL));
+		TEST_ASSERT_EQUAL_INT(saved, e.rls.positive_definite);
+		CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
+		TEST_ASSERT_EQUAL_INT(saved, gate.saved.positive_definite);
+	}
+}
+
 /* ---- at the limits themselves --------------------------------------------------------------------- */
 
 /* A learner that never learns, so that Theta is what the test sets, at first 0, and the innovation of
@@ -707,6 +729,7 @@ static void test_a_mean_square_of_five_and_of_twelve_are_the_last_before_doubt_a
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_gate_follows_its_rules_whatever_comes);
+	RUN_TEST(test_definiteness_is_saved_and_comes_back);
 	RUN_TEST(test_what_cannot_be_mended_changes_trust_alone);
 	RUN_TEST(test_what_is_usual_is_known_after_two_windows);
 	RUN_TEST(test_an_innovation_of_five_times_the_usual_one_is_the_last_that_is_none);

@@ -149,6 +149,24 @@ static void test_loose_bound_of_theta_refuses_nothing(void) {
 	}
 }
 
+/* Far from the end of the range all of Theta is never looked at, which would take its time at every sample:
+ * the bound only grows, while Theta goes to and fro. */
+static void test_bound_of_theta_grows_by_each_step_alone(void) {
+	for (int f = 0; f < FORMS; f++) {
+		estimator_settings(&e, 1, 1, &KOOP(reg_ef), all_forms[f]);
+		e.config.lambda = (real)0.5;
+		estimator_start(&e);
+		for (int k = 0; k < 50; k++) {
+			const real zeta[2] = {1, (real)(k % 3)}, psi_next[1] = {(real)(k % 2 ? -1 : 1)},
+			           before = e.rls.theta_bound;
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			TEST_ASSERT_TRUE(e.rls.theta_bound >= before);
+		}
+		const double theta = largest(e.rls.theta, e.rls.n_regressors * e.rls.n_lifted_padded);
+		CHECK((double)e.rls.theta_bound > 4 * theta, "%g, Theta %g", (double)e.rls.theta_bound, theta);
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_no_element_is_beyond_its_bound);
@@ -157,5 +175,6 @@ int main(void) {
 	RUN_TEST(test_theta_that_is_left_alone_keeps_its_bound);
 	RUN_TEST(test_theta_may_be_below_half_of_the_range);
 	RUN_TEST(test_loose_bound_of_theta_refuses_nothing);
+	RUN_TEST(test_bound_of_theta_grows_by_each_step_alone);
 	return UNITY_END();
 }

@@ -126,6 +126,16 @@ static void test_theta_may_be_below_half_of_the_range(void) {
 	}
 }
 
+/* A bound that has come to exactly that, of a Theta that is far from it. */
+static void test_bound_at_half_of_the_range_is_looked_at(void) {
+	const real zeta[2] = {0}, psi_next[1] = {0}, theta[2] = {1, -2};
+	estimator_default(&e, 1, 1, &KOOP(reg_ef), &KOOP(form_sqrt));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+	e.rls.theta_bound = REAL_MAX / 2;
+	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+	TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 && e.rls.theta_bound <= 2);
+}
+
 /* Theta goes to and fro by a twentieth of the range, and its bound grows with every step until it is looked
  * at again: no sample is refused for that. In the dead zone P, and with it the gain, stays as it is. */
 static void test_loose_bound_of_theta_refuses_nothing(void) {
@@ -175,6 +185,7 @@ int main(void) {
 	RUN_TEST(test_theta_that_is_left_alone_keeps_its_bound);
 	RUN_TEST(test_theta_may_be_below_half_of_the_range);
 	RUN_TEST(test_loose_bound_of_theta_refuses_nothing);
+	RUN_TEST(test_bound_at_half_of_the_range_is_looked_at);
 	RUN_TEST(test_bound_of_theta_grows_by_each_step_alone);
 	return UNITY_END();
 }

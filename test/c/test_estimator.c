@@ -288,6 +288,7 @@ static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
 			estimator_teach(&e, &random, 30);
 			e.rls.positive_definite = 0;
 			e.rls.mended = 5;
+			e.rls.covariance_scale = 3;
 			e.config.delta = fresh.config.delta;
 			estimator_start(&e);
 			TEST_ASSERT_EQUAL_MEMORY(fresh.rls.theta, e.rls.theta, e.rls.kept * sizeof(real));

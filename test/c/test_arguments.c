@@ -342,10 +342,7 @@ int main(void) {
 	RUN_TEST(test_storage_is_exact);
 	RUN_TEST(test_plain_form_pays_only_for_what_it_uses);
 	RUN_TEST(test_each_status_has_its_own_message);
-<<<<<<< HEAD
 	RUN_TEST(test_what_is_no_status_is_called_unknown);
-=======
 	RUN_TEST(test_plain_form_needs_what_is_said);
->>>>>>> gate
 	return UNITY_END();
 }

@@ -58,7 +58,7 @@ static real room_along(const KOOP(mpc) *mpc) {
 	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
 		const real way = mpc->way[q], speed = MATH(fabs)(way);
 		const real room = way < 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
-		if (room < speed * length) { length = room / speed; }
+		if (room < speed * length) { length = room / speed * (1 + 4 * REAL_EPSILON); }
 	}
 	return length;
 }

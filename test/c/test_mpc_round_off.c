@@ -1,0 +1,154 @@
+/* What rounding leaves of a plan: a start so far away that the first steps leave much, tolerances that cannot be
+ * met. */
+#include "problem.h"
+
+static KOOP(mpc) mpc;
+static real
+    storage[KOOP_MPC_REALS_NEWTON(MOST_N, MOST_n, MOST_m, MOST_H) + KOOP_MPC_REALS_RATE(MOST_m, MOST_H)];
+
+#define FAR (1 / (256 * REAL_EPSILON)) /* inputs of this size are rounded to 1/256 */
+
+/* A model near one that keeps its state, inputs that cost about as much as what they do. Limits are far away,
+ * and so is the safe input. */
+static void far_problem(random_source *random, problem *p) {
+	memset(p, 0, sizeof *p);
+	p->N = p->n = p->m = 1 + random_below(random, 2);
+	p->H = 1 + random_below(random, 6);
+	for (size_t i = 0; i < p->N; i++) {
+		random_fill(random, p->theta + i * KOOP_PAD(p->N), p->N, -0.7, 0.7);
+		random_fill(random, p->theta + (p->N + i) * KOOP_PAD(p->N), p->N, -1, 1);
+		p->Q[i * (p->n + 1)] = p->R[i * (p->m + 1)] = 1;
+		p->high[i] = FAR;
+		p->low[i] = -FAR;
+		p->safe[i] = random_uniform(random, -1, 1) * FAR;
+	}
+	random_fill(random, p->psi, p->N, -1, 1);
+	random_fill(random, p->reference, p->H * p->n, -1, 1);
+}
+
+static void start(const problem *p, real tolerance, int method) {
+	const KOOP(mpc_config) config = {
+	    .n_lifted = p->N,
+	    .n_states = p->n,
+	    .n_inputs = p->m,
+	    .horizon = p->H,
+	    .Q = p->Q,
+	    .R = p->R,
+	    .S = p->rate ? p->S : NULL,
+	    .u_min = p->low,
+	    .u_max = p->high,
+	    .u_safe = p->safe,
+	    .tolerance = tolerance,
+	    .method = method,
+	};
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
+}
+
+static void solve(const problem *p, KOOP(mpc_result) *result) {
+	real u[MOST_m];
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p->theta, p->psi, p->reference, p->before, u, result));
+}
+
+/* What the header calls the residual, in wide arithmetic. */
+static double residual_of(const problem *p) {
+	real plan[MOST_V];
+	wide gradient[MOST_V], diagonal[MOST_V], largest = 0;
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
+	costate_gradient(p, plan, gradient);
+	hessian_diagonal(p, diagonal);
+	for (size_t q = 0; q < p->H * p->m; q++) {
+		const wide low = p->low[q % p->m], high = p->high[q % p->m], to = plan[q] - gradient[q] / diagonal[q];
+		largest = fmax(largest, fabs((to < low ? low : to > high ? high : to) - plan[q]));
+	}
+	return (double)largest;
+}
+
+/* The first step leaves what rounding makes of inputs of that size. One more corrects it, and is not looked at:
+ * the residual told is that before. */
+static void test_newton_corrects_what_the_way_from_far_away_has_left(void) {
+	random_source random = random_seed(95);
+	const real tolerance = 32 * REAL_EPSILON;
+	for (int i = 0; i < 200; i++) {
+		problem p;
+		KOOP(mpc_result) result;
+		far_problem(&random, &p);
+		start(&p, tolerance, KOOP_MPC_NEWTON);
+		solve(&p, &result);
+		CHECK(result.iterations == 2, "%d: %zu steps", i, result.iterations);
+		CHECK(result.residual > tolerance && result.residual < mpc.noise, "%d: %g", i, (double)result.residual);
+		CHECK(residual_of(&p) <= 4 * (double)REAL_EPSILON, "%d: residual %g", i, residual_of(&p));
+	}
+}
+
+/* A look at the gradient shows what is left; as long as that is less than half of what it was, the way goes on. */
+static void test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing(void) {
+	random_source random = random_seed(96);
+	const real tolerance = 32 * REAL_EPSILON;
+	for (int i = 0; i < 200; i++) {
+		problem p;
+		KOOP(mpc_result) result;
+		far_problem(&random, &p);
+		start(&p, tolerance, KOOP_MPC_GRADIENT);
+		solve(&p, &result);
+		CHECK(result.residual <= tolerance, "%d: told %g", i, (double)result.residual);
+		CHECK(residual_of(&p) <= 2 * (double)tolerance, "%d: residual %g", i, residual_of(&p));
+		CHECK(result.iterations <= 100, "%d: %zu steps", i, result.iterations);
+	}
+}
+
+/* Neither method goes on for long where only round-off is left. */
+static void check_end(random_source *random, int method, size_t most) {
+	problem p;
+	wide diagonal[MOST_V];
+	do {
+		random_problem(random, &p);
+		hessian_diagonal(&p, diagonal);
+	} while (condition_bound(&p, diagonal) > 1e4);
+	start(&p, REAL_MIN, method);
+	for (int warm = 0; warm < 2; warm++) {
+		KOOP(mpc_result) result;
+		solve(&p, &result);
+		CHECK(result.iterations <= most, "%zu steps", result.iterations);
+		CHECK(residual_of(&p) <= 1e-3, "residual %g", residual_of(&p));
+	}
+}
+
+static void test_tolerance_that_cannot_be_met_is_given_up(void) {
+	random_source random = random_seed(97);
+	for (int i = 0; i < 100; i++) {
+		check_end(&random, KOOP_MPC_NEWTON, 20);
+		check_end(&random, KOOP_MPC_GRADIENT, 500);
+	}
+}
+
+/* A flipped bit in how many rows the factor has: it is made anew, as where the limits that hold inputs are
+ * others. */
+static void test_number_of_rows_that_is_not_that_of_the_factor(void) {
+	random_source random = random_seed(98);
+	for (size_t bit = 0; bit < 5; bit++) {
+		problem p;
+		KOOP(mpc_result) result;
+		do { far_problem(&random, &p); } while (p.H < 5);
+		memset(p.safe, 0, sizeof p.safe);
+		start(&p, 0, KOOP_MPC_NEWTON);
+		solve(&p, &result);
+		TEST_ASSERT_TRUE(mpc.factored == 1 && mpc.n_free == p.H * p.m);
+		mpc.n_free ^= (size_t)1 << bit;
+		p.reference[0] += 1;
+		solve(&p, &result);
+		TEST_ASSERT_TRUE(mpc.factored == 1 && mpc.fresh == 1 && mpc.n_free == p.H * p.m);
+		CHECK(residual_of(&p) <= 1e-4, "residual %g", residual_of(&p));
+		p.reference[0] += 1;
+		solve(&p, &result);
+		TEST_ASSERT_TRUE(mpc.factored == 1 && mpc.fresh == 0);
+	}
+}
+
+int main(void) {
+	UNITY_BEGIN();
+	RUN_TEST(test_newton_corrects_what_the_way_from_far_away_has_left);
+	RUN_TEST(test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing);
+	RUN_TEST(test_tolerance_that_cannot_be_met_is_given_up);
+	RUN_TEST(test_number_of_rows_that_is_not_that_of_the_factor);
+	return UNITY_END();
+}

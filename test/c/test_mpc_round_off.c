@@ -121,6 +121,28 @@ static void test_tolerance_that_cannot_be_met_is_given_up(void) {
 	}
 }
 
+/* While steps go on the gradient is updated, and only every hundredth step looks at what it is: that is where
+ * slow ways to where nothing is left end. */
+static void test_every_hundredth_step_looks_at_the_gradient(void) {
+	random_source random = random_seed(99);
+	int slow = 0, at_looks = 0;
+	for (int i = 0; i < 900 / TEST_SHARE; i++) {
+		problem p;
+		KOOP(mpc_result) result;
+		wide diagonal[MOST_V];
+		random_problem(&random, &p);
+		hessian_diagonal(&p, diagonal);
+		const wide condition = condition_bound(&p, diagonal);
+		if (condition < 1e4 || condition > 1e8) { continue; }
+		start(&p, REAL_MIN, KOOP_MPC_GRADIENT);
+		solve(&p, &result);
+		const int ended = result.residual > REAL_MIN && result.iterations < KOOP_MPC_MAX_GRADIENT;
+		slow += ended && result.iterations >= 100;
+		at_looks += ended && result.iterations >= 100 && result.iterations % 100 == 0;
+	}
+	CHECK(slow >= 10 / TEST_SHARE && at_looks * 6 + 6 >= slow, "%d of %d", at_looks, slow);
+}
+
 /* A flipped bit in how many rows the factor has: it is made anew, as where the limits that hold inputs are
  * others. */
 static void test_number_of_rows_that_is_not_that_of_the_factor(void) {
@@ -149,6 +171,7 @@ int main(void) {
 	RUN_TEST(test_newton_corrects_what_the_way_from_far_away_has_left);
 	RUN_TEST(test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing);
 	RUN_TEST(test_tolerance_that_cannot_be_met_is_given_up);
+	RUN_TEST(test_every_hundredth_step_looks_at_the_gradient);
 	RUN_TEST(test_number_of_rows_that_is_not_that_of_the_factor);
 	return UNITY_END();
 }

@@ -4,10 +4,10 @@
  * solves as they do in use. */
 #include "problem.h"
 
-enum { FEW_N = 4, FEW_n = 3, FEW_m = 2, FEW_H = 6, MOST = FEW_m * FEW_H };
+enum { FEW_N = 4, FEW_n = 3, FEW_m = 2, FEW_H = 6, LONG_H = 12, MOST = FEW_m * FEW_H };
 
 static KOOP(mpc) mpc;
-static real storage[KOOP_MPC_REALS_NEWTON(FEW_N, FEW_n, FEW_m, FEW_H) + KOOP_MPC_REALS_RATE(FEW_m, FEW_H)];
+static real storage[KOOP_MPC_REALS_NEWTON(FEW_N, FEW_n, FEW_m, LONG_H) + KOOP_MPC_REALS_RATE(FEW_m, LONG_H)];
 
 /* ---- The quadratic program ------------------------------------------------------------------------------ */
 
@@ -125,6 +125,8 @@ static void solve_equations(wide A[MOST][MOST], const wide *y, const size_t *lis
 
 /* ---- The second writing's controller -------------------------------------------------------------------- */
 
+enum { LEFT_BOUND, CUT_SHORT, CONJUGATE, REUSED, ABANDONED, UPHILL, CORRECTED, FEW_DROPPED, EIGHT_DROPPED, PATHS };
+
 typedef struct {
 	program now;
 	wide v[MOST], residual, noise;
@@ -136,10 +138,8 @@ typedef struct {
 	int held[MOST], known[MOST];
 	wide old[MOST][MOST];
 	int have, fresh, planned, whole;
-	size_t paths[8]; /* how often each of the less usual ways was gone */
+	size_t paths[PATHS]; /* how often each of the less usual ways was gone */
 } second;
-
-enum { LEFT_BOUND, CUT_SHORT, CONJUGATE, REUSED, ABANDONED, UPHILL, CORRECTED, FEW_DROPPED };
 
 /* ---- Modified proportioning with reduced gradient projections ------------------------------------------- */
 
@@ -277,6 +277,7 @@ static int choose_free(second *s, const wide *slope_down) {
 		s->have = 0;
 	} else {
 		s->paths[FEW_DROPPED] += (size_t)s->have;
+		s->paths[EIGHT_DROPPED] += s->have && dropped == 8;
 	}
 	memcpy(s->held, held, sizeof held);
 	return 1;
@@ -593,6 +594,13 @@ static int same_sizes(const second *s) {
 	return is_near(mpc.reach, s->now.reach, s->now.reach) && mpc.unlimited == s->now.open && mpc.planned == 1;
 }
 
+/* What was taken over for this solve is still that, bit for bit. */
+static int same_limits(const problem *p) {
+	const size_t size = p->m * sizeof(real);
+	if (p->rate && memcmp(mpc.u_before, p->before, size) != 0) { return 0; }
+	return memcmp(mpc.u_min, p->low, size) == 0 && memcmp(mpc.u_max, p->high, size) == 0;
+}
+
 static int same_solve(const second *s, const KOOP(mpc_result) *result) {
 	if (result->iterations != s->iterations || !is_near(result->residual, s->residual, s->residual)) { return 0; }
 	if (!same_plan(s) || !same_sizes(s)) { return 0; }
@@ -600,7 +608,7 @@ static int same_solve(const second *s, const KOOP(mpc_result) *result) {
 }
 
 typedef struct {
-	size_t solves, steps, others, paths[8];
+	size_t solves, steps, others, paths[PATHS];
 	size_t others_up; /* other where Newton's step led up */
 } tally;
 
@@ -619,6 +627,7 @@ static void run_beside(random_source *random, problem *p, int method, tally *see
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p->theta, p->psi, p->reference, p->before, u, &result));
 		second_solve(&s, p, tolerance, method);
 		same = same_solve(&s, &result);
+		TEST_ASSERT_TRUE(same_limits(p));
 		seen->solves++;
 		seen->steps += s.iterations;
 		seen->others += !same;
@@ -627,7 +636,7 @@ static void run_beside(random_source *random, problem *p, int method, tally *see
 		memcpy(p->before, u, p->m * sizeof *u);
 		go_on_a_little(random, p, change);
 	}
-	for (size_t i = 0; i < 8; i++) { seen->paths[i] += s.paths[i]; }
+	for (size_t i = 0; i < PATHS; i++) { seen->paths[i] += s.paths[i]; }
 }
 
 /* A tie in a few of a thousand solves. */
@@ -642,6 +651,18 @@ static void run_all_sizes(uint64_t seed, int method, tally *seen) {
 		few_inputs(&random, &p, 1 + random_below(&random, FEW_m), 1 + random_below(&random, FEW_H),
 		           method == KOOP_MPC_NEWTON ? 10 : 0.3);
 		run_beside(&random, &p, method, seen);
+	}
+	check_tally(seen);
+}
+
+/* Long plans, of which many inputs meet a limit in one step: a factor loses up to eight of its rows. */
+static void run_long_plans(uint64_t seed, tally *seen) {
+	random_source random = random_seed(seed);
+	for (int i = 0; i < 100 / TEST_SHARE; i++) {
+		problem p;
+		few_inputs(&random, &p, 1, LONG_H, 1);
+		random_limits(&random, &p, 0.3);
+		run_beside(&random, &p, KOOP_MPC_NEWTON, seen);
 	}
 	check_tally(seen);
 }
@@ -671,11 +692,14 @@ static void test_newton_steps_are_those_of_the_second_writing(void) {
 	tally seen = {0, 0, 0, {0}, 0};
 	run_all_sizes(62, KOOP_MPC_NEWTON, &seen);
 	run_without_padding(64, KOOP_MPC_NEWTON);
+	run_long_plans(65, &seen);
 	printf("%zu solves, %zu steps, %zu others; %zu factors used again, %zu given up, %zu lost rows, %zu ways up, %zu others\n",
 	       seen.solves, seen.steps, seen.others, seen.paths[REUSED], seen.paths[ABANDONED], seen.paths[FEW_DROPPED],
 	       seen.paths[UPHILL], seen.others_up);
+	printf("%zu lost eight\n", seen.paths[EIGHT_DROPPED]);
 	TEST_ASSERT_TRUE(seen.paths[REUSED] > 100 / TEST_SHARE && seen.paths[ABANDONED] > 100 / TEST_SHARE);
 	TEST_ASSERT_TRUE(seen.paths[FEW_DROPPED] > 100 / TEST_SHARE && seen.paths[UPHILL] > 5);
+	TEST_ASSERT_TRUE(seen.paths[EIGHT_DROPPED] >= 10 / TEST_SHARE);
 	CHECK(seen.others_up <= 1 + seen.paths[UPHILL] / 40, "%zu others", seen.others_up);
 }
 

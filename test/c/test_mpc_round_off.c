@@ -96,6 +96,78 @@ static void test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing(voi
 	}
 }
 
+/* Three states far from where they are to be, in the one direction in which the two inputs do nothing: the
+ * gradient is what rounding leaves of large numbers, and that is more than the inputs' range makes up for. */
+static void out_of_reach(random_source *random, problem *p) {
+	memset(p, 0, sizeof *p);
+	p->N = p->n = 3;
+	p->m = 2;
+	p->H = 1;
+	real *const b = p->theta + 3 * KOOP_PAD(3), *const c = b + KOOP_PAD(3);
+	const real far = random_uniform(random, 0.0005, 0.02) / REAL_EPSILON;
+	random_fill(random, b, 3, -1, 1);
+	random_fill(random, c, 3, -1, 1);
+	for (size_t i = 0; i < 3; i++) {
+		const size_t k = (i + 1) % 3, l = (i + 2) % 3;
+		p->theta[i * (KOOP_PAD(3) + 1)] = p->Q[4 * i] = 1;
+		p->psi[i] = far * (real)((wide)b[k] * c[l] - (wide)b[l] * c[k]);
+	}
+	for (size_t j = 0; j < 2; j++) {
+		p->R[3 * j] = (real)0.1;
+		p->high[j] = 1;
+		p->low[j] = -1;
+	}
+	random_fill(random, p->reference, 3, -0.7, 0.7);
+}
+
+/* The residual after one step: with the widest tolerance that is not met by none. */
+static real residual_of_one_step(const problem *p) {
+	for (real tolerance = 1; tolerance >= REAL_MIN; tolerance /= 2) {
+		KOOP(mpc_result) result;
+		start(p, tolerance, KOOP_MPC_NEWTON);
+		solve(p, &result);
+		if (result.iterations > 0) { return result.residual; }
+	}
+	return 0;
+}
+
+/* Where only round-off is left, what a step leaves may be more than before: then it is not taken. */
+static void test_further_newton_steps_never_leave_more_than_the_first(void) {
+	random_source random = random_seed(100);
+	int less = 0;
+	for (int i = 0; i < 200; i++) {
+		problem p;
+		KOOP(mpc_result) result;
+		out_of_reach(&random, &p);
+		start(&p, REAL_MIN, KOOP_MPC_NEWTON);
+		solve(&p, &result);
+		const real first = residual_of_one_step(&p);
+		CHECK(result.residual <= first, "%d: %g, after one step %g", i, (double)result.residual, (double)first);
+		less += result.residual < first;
+	}
+	CHECK(less > 80, "less after %d", less); /* and where it is less it is taken */
+}
+
+/* Of one step, so that a solve begins with the plan that the last has ended with. */
+static void test_best_plan_takes_few_steps_to_be_found_the_best(void) {
+	random_source random = random_seed(101);
+	for (int i = 0; i < 300; i++) {
+		problem p;
+		wide diagonal[MOST_V];
+		do {
+			random_problem(&random, &p);
+			p.H = 1;
+			hessian_diagonal(&p, diagonal);
+		} while (condition_bound(&p, diagonal) > 1e6);
+		start(&p, REAL_MIN, KOOP_MPC_NEWTON);
+		for (int warm = 0; warm < 4; warm++) {
+			KOOP(mpc_result) result;
+			solve(&p, &result);
+			CHECK(result.iterations <= 10, "%d: %zu steps", i, result.iterations);
+		}
+	}
+}
+
 /* Neither method goes on for long where only round-off is left. */
 static void check_end(random_source *random, int method, size_t most) {
 	problem p;
@@ -170,6 +242,8 @@ int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_newton_corrects_what_the_way_from_far_away_has_left);
 	RUN_TEST(test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing);
+	RUN_TEST(test_further_newton_steps_never_leave_more_than_the_first);
+	RUN_TEST(test_best_plan_takes_few_steps_to_be_found_the_best);
 	RUN_TEST(test_tolerance_that_cannot_be_met_is_given_up);
 	RUN_TEST(test_every_hundredth_step_looks_at_the_gradient);
 	RUN_TEST(test_number_of_rows_that_is_not_that_of_the_factor);

@@ -1,5 +1,5 @@
-/* What the controller takes and what it refuses: every element of every argument, every size at its bound, and
- * what a refusal and a reset leave. */
+/* What the controller takes and what it refuses: every element of every argument, every size at its bound,
+ * and what a refusal and a reset leave. */
 #include "support.h"
 
 enum { N = 3, M = 2, H = 4, V = H * M, PADDED = KOOP_PAD(N), MANY_M = 85 };
@@ -57,7 +57,7 @@ static int solve(const arguments *a, real *u, KOOP(mpc_result) *result) {
 	return KOOP(mpc_solve)(&mpc, a->theta, a->psi, a->reference, a->before, u, result);
 }
 
-/* ---- Elements that are no number ------------------------------------------------------------------------ */
+/* ---- Elements that are no number ---------------------------------------------------------------------- */
 
 static void check_elements_of_init(const arguments *a, real *x, size_t count) {
 	for (size_t i = 0; i < count; i++) {
@@ -167,7 +167,7 @@ static void test_each_safe_input_follows_its_limits(void) {
 	}
 }
 
-/* ---- Settings at their bounds --------------------------------------------------------------------------- */
+/* ---- Settings at their bounds ------------------------------------------------------------------------- */
 
 /* One past the last number is infinite, which is no number that an input could be given. */
 static void test_limits_may_be_as_large_as_numbers_are(void) {
@@ -234,7 +234,7 @@ static void test_methods_and_tolerances(void) {
 	CHECK(fabs((double)mpc.config.tolerance - usual) < 1e-6 * usual, "%g", (double)mpc.config.tolerance);
 }
 
-/* ---- Sizes ---------------------------------------------------------------------------------------------- */
+/* ---- Sizes -------------------------------------------------------------------------------------------- */
 
 /* Sizes that are none are told before storage that does not suffice. */
 static void test_every_size_has_its_bounds(void) {
@@ -281,21 +281,23 @@ static void test_refused_configuration_leaves_everything(void) {
 	TEST_ASSERT_EQUAL_MEMORY(kept_storage, storage, sizeof storage);
 }
 
-/* ---- A plan forgotten ----------------------------------------------------------------------------------- */
+/* ---- A plan forgotten --------------------------------------------------------------------------------- */
 
 static void check_same_as_fresh(const arguments *a) {
 	static real fresh_storage[sizeof storage / sizeof *storage];
 	static KOOP(mpc) fresh;
 	KOOP(mpc_result) result, expected;
 	real u[M], plan[V], v[M], fresh_plan[V];
-	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&fresh, &a->config, fresh_storage, sizeof storage / sizeof *storage));
+	const size_t reals = sizeof storage / sizeof *storage;
+	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&fresh, &a->config, fresh_storage, reals));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&fresh, a->theta, a->psi, a->reference, a->before, v, &expected));
 	CHECK_STATUS(KOOP_OK, solve(a, u, &result));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&fresh, fresh_plan));
 	TEST_ASSERT_EQUAL_MEMORY(fresh_plan, plan, sizeof plan);
 	TEST_ASSERT_EQUAL_MEMORY(v, u, sizeof u);
-	CHECK(result.iterations == expected.iterations, "%zu steps, not %zu", result.iterations, expected.iterations);
+	CHECK(result.iterations == expected.iterations, "%zu steps, not %zu", result.iterations,
+	      expected.iterations);
 	TEST_ASSERT_EQUAL_MEMORY(&expected.residual, &result.residual, sizeof result.residual);
 }
 

@@ -1,5 +1,5 @@
-/* What rounding leaves of a plan: a start so far away that the first steps leave much, tolerances that cannot be
- * met. */
+/* What rounding leaves of a plan: a start so far away that the first steps leave much, tolerances that cannot
+ * be met. */
 #include "problem.h"
 
 static KOOP(mpc) mpc;
@@ -63,8 +63,8 @@ static double residual_of(const problem *p) {
 	return (double)largest;
 }
 
-/* The first step leaves what rounding makes of inputs of that size. One more corrects it, and is not looked at:
- * the residual told is that before. */
+/* The first step leaves what rounding makes of inputs of that size. One more corrects it, and is not looked
+ * at: the residual told is that before. */
 static void test_newton_corrects_what_the_way_from_far_away_has_left(void) {
 	random_source random = random_seed(95);
 	const real tolerance = 32 * REAL_EPSILON;
@@ -75,12 +75,14 @@ static void test_newton_corrects_what_the_way_from_far_away_has_left(void) {
 		start(&p, tolerance, KOOP_MPC_NEWTON);
 		solve(&p, &result);
 		CHECK(result.iterations == 2, "%d: %zu steps", i, result.iterations);
-		CHECK(result.residual > tolerance && result.residual < mpc.noise, "%d: %g", i, (double)result.residual);
+		CHECK(result.residual > tolerance && result.residual < mpc.noise, "%d: %g", i,
+		      (double)result.residual);
 		CHECK(residual_of(&p) <= 4 * (double)REAL_EPSILON, "%d: residual %g", i, residual_of(&p));
 	}
 }
 
-/* A look at the gradient shows what is left; as long as that is less than half of what it was, the way goes on. */
+/* A look at the gradient shows what is left; as long as that is less than half of what it was, the way goes
+ * on. */
 static void test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing(void) {
 	random_source random = random_seed(96);
 	const real tolerance = 32 * REAL_EPSILON;
@@ -142,7 +144,8 @@ static void test_further_newton_steps_never_leave_more_than_the_first(void) {
 		start(&p, REAL_MIN, KOOP_MPC_NEWTON);
 		solve(&p, &result);
 		const real first = residual_of_one_step(&p);
-		CHECK(result.residual <= first, "%d: %g, after one step %g", i, (double)result.residual, (double)first);
+		CHECK(result.residual <= first, "%d: %g, after one step %g", i, (double)result.residual,
+		      (double)first);
 		less += result.residual < first;
 	}
 	CHECK(less > 80, "less after %d", less); /* and where it is less it is taken */

@@ -58,8 +58,8 @@ static void check_root(const real *L, const real *M, size_t n, size_t rank, cons
 	for (size_t i = 0; i < n * n; i++) {
 		wide left = M[i];
 		for (size_t k = 0; k < n; k++) { left -= (wide)L[i / n * n + k] * L[i % n * n + k]; }
-		CHECK(fabs(left) <= 64 * REAL_EPSILON * largest, "%s, %zu x %zu of rank %zu: element %zu by %g", name, n, n,
-		      rank, i, (double)left);
+		CHECK(fabs(left) <= 64 * REAL_EPSILON * largest, "%s, %zu x %zu of rank %zu: element %zu by %g", name,
+		      n, n, rank, i, (double)left);
 	}
 }
 
@@ -90,17 +90,21 @@ static void test_roots_are_those_of_the_weights_as_they_are_now(void) {
 	}
 }
 
-/* What is left of one diagonal element is a pivot from 8 roundings of the largest on, wherever that stands. */
+/* What is left of a diagonal element is a pivot from 8 roundings of the largest on, wherever that stands. */
 static void test_what_is_below_round_off_has_no_root(void) {
 	for (size_t large = 0; large < 3; large++) {
 		begin(3);
-		for (size_t i = 0; i < 3; i++) { w.Q[4 * i] = i == large ? 2 : (i == (large + 1) % 3 ? 24 : 12) * REAL_EPSILON; }
+		const size_t small = (large + 1) % 3, smaller = (large + 2) % 3;
+		w.Q[4 * large] = 2;
+		w.Q[4 * small] = 24 * REAL_EPSILON;
+		w.Q[4 * smaller] = 12 * REAL_EPSILON;
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &w.config, storage, reals));
 		const real *root = mpc.roots + 18;
 		for (size_t i = 0; i < 9; i++) {
-			const size_t row = i / 3, column = row == large ? 0 : row == (large + 1) % 3 ? 1 : 2;
+			const size_t row = i / 3, column = row == large ? 0 : row == small ? 1 : 2;
 			const real expected = column < 2 && i % 3 == column ? w.Q[4 * row] : 0;
-			CHECK(fabs((double)(root[i] * root[i] - expected)) <= 1e-6 * (double)expected, "%zu: %g", i, (double)root[i]);
+			CHECK(fabs((double)(root[i] * root[i] - expected)) <= 1e-6 * (double)expected, "%zu: %g", i,
+			      (double)root[i]);
 		}
 	}
 }

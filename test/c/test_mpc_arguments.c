@@ -111,20 +111,20 @@ static void test_every_element_of_a_solve_must_be_finite(void) {
 }
 
 /* Each element in turn: the plan is kept, and nothing of the limits is taken over. */
-static void check_elements_of_limits(const arguments *a, real *x, real bad, int status) {
+static void check_elements_of_limits(arguments *a, real *x, real bad, int status) {
 	for (size_t j = 0; j < M; j++) {
 		real u[M], before[V], after[V];
 		const real kept = x[j], other = a->high[1 - j];
 		CHECK_STATUS(KOOP_OK, solve(a, u, NULL));
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, before));
 		x[j] = bad;
-		((real *)a->high)[1 - j] = other + 1;
+		a->high[1 - j] = other + 1;
 		CHECK_STATUS(status, solve(a, u, NULL));
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, after));
 		TEST_ASSERT_EQUAL_MEMORY(before, after, sizeof after);
 		TEST_ASSERT_TRUE(mpc.u_max[1 - j] >= other && mpc.u_max[1 - j] <= other);
 		for (size_t i = 0; i < M; i++) { TEST_ASSERT_TRUE(u[i] >= (real)0.125 && u[i] <= (real)0.125); }
-		((real *)a->high)[1 - j] = other;
+		a->high[1 - j] = other;
 		x[j] = kept;
 	}
 }

@@ -500,14 +500,16 @@ static void random_weight(random_source *random, real *M, size_t n, double size,
 }
 
 /* Limits about 0, or both on one side of it; one input may have none, or such as are far beyond what it
- * needs, so that all that is left is below what round-off could be. */
-static void random_limits(random_source *random, problem *p, double box) {
+ * needs, so that all that is left is below what round-off could be: at the start only, as an input that is
+ * held goes along with its limit. */
+static void random_limits(random_source *random, problem *p, double box, int start) {
 	for (size_t j = 0; j < p->m; j++) {
 		p->low[j] = -(real)box * random_uniform(random, 0.05, 1);
 		p->high[j] = (real)box * random_uniform(random, 0.05, 1);
 	}
 	const size_t j = random_below(random, p->m), kind = random_below(random, 8);
-	const real far = (real)(box * decades(random, -3, -1) / 128) / REAL_EPSILON;
+	const double size = start ? decades(random, -3, 0) / (128 * (double)REAL_EPSILON) : 4;
+	const real far = (real)(box * size);
 	if (kind < 2) { p->high[j] = kind ? (real)INFINITY : far; }
 	if (kind > 0 && kind < 4) { p->low[j] = kind < 3 ? -(real)INFINITY : -far; }
 	for (size_t i = 0; kind > 5 && i < p->m; i++) {
@@ -532,7 +534,7 @@ static void few_inputs(random_source *random, problem *p, size_t m, size_t H, do
 	random_weight(random, p->Q, p->n, hard, 0);
 	random_weight(random, p->R, p->m, decades(random, -3, 0), 0.01);
 	random_weight(random, p->S, p->m, decades(random, -1.5, 0), 0);
-	random_limits(random, p, H > FEW_H ? 0.3 : decades(random, -1, 1));
+	random_limits(random, p, H > FEW_H ? 0.3 : decades(random, -1, 1), 1);
 	for (size_t j = 0; j < p->m; j++) {
 		const real safe = random_uniform(random, -1, 1);
 		p->safe[j] = safe < p->low[j] ? p->low[j] : safe > p->high[j] ? p->high[j] : safe;
@@ -550,7 +552,7 @@ static void go_on_a_little(random_source *random, problem *p, double change) {
 	for (size_t i = 0; i < p->N; i++) {
 		p->psi[i] *= (real)(1 + 10 * change * (double)random_uniform(random, -1, 1));
 	}
-	if (random_below(random, 4) == 0) { random_limits(random, p, 1); }
+	if (random_below(random, 4) == 0) { random_limits(random, p, 1, 0); }
 	if (random_below(random, 8) == 0) { random_weight(random, p->R, p->m, 1, 0.3); }
 	if (random_below(random, 8) == 0) { random_fill(random, p->reference, p->H * p->n, -2, 2); }
 	if (random_below(random, 16) == 0) { random_fill(random, p->psi, p->N, -2, 2); }
@@ -654,7 +656,7 @@ static void run_beside(random_source *random, problem *p, int method, tally *see
 
 /* A tie in a few of a thousand solves. */
 static void check_tally(const tally *seen) {
-	CHECK(seen->others <= 2 + seen->solves / 250, "%zu of %zu solves are others", seen->others, seen->solves);
+	CHECK(seen->others <= 2 + seen->solves / 400, "%zu of %zu solves are others", seen->others, seen->solves);
 }
 
 static void run_all_sizes(uint64_t seed, int method, tally *seen) {

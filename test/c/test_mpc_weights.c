@@ -96,8 +96,8 @@ static void test_what_is_below_round_off_has_no_root(void) {
 		begin(3);
 		const size_t small = (large + 1) % 3, smaller = (large + 2) % 3;
 		w.Q[4 * large] = 2;
-		w.Q[4 * small] = 24 * REAL_EPSILON;
-		w.Q[4 * smaller] = 12 * REAL_EPSILON;
+		w.Q[4 * small] = 17 * REAL_EPSILON;
+		w.Q[4 * smaller] = 15 * REAL_EPSILON;
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &w.config, storage, reals));
 		const real *root = mpc.roots + 18;
 		for (size_t i = 0; i < 9; i++) {

@@ -153,13 +153,15 @@ static void test_weights_may_become_nothing(void) {
 	}
 }
 
-/* The gradient method needs no roots: what becomes of the weights is then not looked at. */
+/* The gradient method needs no roots: what becomes of the weights is then not looked at, and those of the start
+ * stay. */
 static void test_weights_of_any_kind_after_the_start_with_the_gradient(void) {
 	begin(2);
 	w.config.method = KOOP_MPC_GRADIENT;
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &w.config, storage, reals));
 	w.Q[1] = w.Q[2] = (real)1.5;
 	CHECK_STATUS(KOOP_OK, solve());
+	check_root(mpc.roots, w.R, 2, 2, "R");
 }
 
 int main(void) {

@@ -125,7 +125,8 @@ static void solve_equations(wide A[MOST][MOST], const wide *y, const size_t *lis
 
 /* ---- The second writing's controller ------------------------------------------------------------------ */
 
-enum { LEFT_BOUND, CUT_SHORT, CONJUGATE, REUSED, ABANDONED, UPHILL, STALE, FEW_DROPPED, EIGHT_DROPPED, PATHS };
+enum { LEFT_BOUND, CUT_SHORT, CONJUGATE, REUSED, ABANDONED, UPHILL, STALE, FEW_DROPPED, EIGHT_DROPPED };
+enum { PATHS = 9 };
 
 typedef struct {
 	program now;

@@ -145,16 +145,18 @@ static void test_weights_may_become_nothing(void) {
 		w.psi[0] = 2;
 		CHECK_STATUS(KOOP_OK, solve());
 		unit_matrix(w.Q, n, 1);
+		memset(w.R, 0, sizeof w.R); /* the states count enough */
 		w.psi[0] = 3;
 		CHECK_STATUS(KOOP_OK, solve());
 		TEST_ASSERT_TRUE(result.iterations > 0);
+		check_root(mpc.roots, w.R, n, 0, "R");
 		check_root(mpc.roots + n * n, w.S, n, 0, "S");
 		check_root(mpc.roots + 2 * n * n, w.Q, n, n, "Q");
 	}
 }
 
-/* The gradient method needs no roots: what becomes of the weights is then not looked at, and those of the start
- * stay. */
+/* The gradient method needs no roots: what becomes of the weights is then not looked at, and those of the
+ * start stay. */
 static void test_weights_of_any_kind_after_the_start_with_the_gradient(void) {
 	begin(2);
 	w.config.method = KOOP_MPC_GRADIENT;

@@ -81,23 +81,6 @@ static void test_newton_corrects_what_the_way_from_far_away_has_left(void) {
 	}
 }
 
-/* A look at the gradient shows what is left; as long as that is less than half of what it was, the way goes
- * on. */
-static void test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing(void) {
-	random_source random = random_seed(96);
-	const real tolerance = 32 * REAL_EPSILON;
-	for (int i = 0; i < 200; i++) {
-		problem p;
-		KOOP(mpc_result) result;
-		far_problem(&random, &p);
-		start(&p, tolerance, KOOP_MPC_GRADIENT);
-		solve(&p, &result);
-		CHECK(result.residual <= tolerance, "%d: told %g", i, (double)result.residual);
-		CHECK(residual_of(&p) <= 2 * (double)tolerance, "%d: residual %g", i, residual_of(&p));
-		CHECK(result.iterations <= 100, "%d: %zu steps", i, result.iterations);
-	}
-}
-
 /* Three states far from where they are to be, in the one direction in which the two inputs do nothing: the
  * gradient is what rounding leaves of large numbers, and that is more than the inputs' range makes up for. */
 static void out_of_reach(random_source *random, problem *p) {
@@ -120,6 +103,71 @@ static void out_of_reach(random_source *random, problem *p) {
 		p->low[j] = -1;
 	}
 	random_fill(random, p->reference, 3, -0.7, 0.7);
+}
+
+/* Two inputs that do nearly the same and cost little: what rounding has left of the gradient is small, but
+ * the way to where it vanishes is far, and so is looked at. */
+static void test_correction_that_goes_far_is_taken_where_it_leaves_less(void) {
+	random_source random = random_seed(102);
+	int far = 0;
+	for (int i = 0; i < 200; i++) {
+		problem p;
+		KOOP(mpc_result) result;
+		do { far_problem(&random, &p); } while (p.m < 2);
+		p.n = p.H = 1;
+		p.Q[0] = 1;
+		for (size_t j = 0; j < 2; j++) {
+			p.theta[(p.N + j) * KOOP_PAD(p.N)] = random_uniform(&random, 0.9, 1.1);
+			p.R[3 * j] = (real)0.002;
+		}
+		start(&p, 32 * REAL_EPSILON, KOOP_MPC_NEWTON);
+		solve(&p, &result);
+		if (!(result.residual < mpc.noise) || result.iterations != 2) { continue; }
+		far++;
+		CHECK(residual_of(&p) <= (double)result.residual / 4, "%d: residual %g, was %g", i, residual_of(&p),
+		      (double)result.residual);
+	}
+	CHECK(far > 50, "%d", far);
+}
+
+/* A residual that is just the tolerance is enough: before the first step, and after any of Newton's, each of
+ * which evaluates the gradient. */
+static void test_tolerance_that_is_just_met_ends_the_steps(void) {
+	random_source random = random_seed(103);
+	for (int i = 0; i < 100; i++) {
+		problem p;
+		KOOP(mpc_result) none, some, again;
+		out_of_reach(&random, &p);
+		start(&p, REAL_MAX, i % 2);
+		solve(&p, &none);
+		start(&p, none.residual, i % 2);
+		solve(&p, &again);
+		CHECK(none.iterations == 0 && again.iterations == 0, "%d: %zu steps", i, again.iterations);
+		start(&p, none.residual * (1 - REAL_EPSILON), i % 2);
+		solve(&p, &some);
+		start(&p, some.residual, i % 2);
+		solve(&p, &again);
+		if (i % 2 || !(some.residual > 0)) { continue; }
+		CHECK(some.iterations > 0 && again.iterations == some.iterations, "%d: %zu steps, not %zu", i,
+		      again.iterations, some.iterations);
+	}
+}
+
+/* A look at the gradient shows what is left; as long as that is less than half of what it was, the way goes
+ * on. */
+static void test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing(void) {
+	random_source random = random_seed(96);
+	const real tolerance = 32 * REAL_EPSILON;
+	for (int i = 0; i < 200; i++) {
+		problem p;
+		KOOP(mpc_result) result;
+		far_problem(&random, &p);
+		start(&p, tolerance, KOOP_MPC_GRADIENT);
+		solve(&p, &result);
+		CHECK(result.residual <= tolerance, "%d: told %g", i, (double)result.residual);
+		CHECK(residual_of(&p) <= 2 * (double)tolerance, "%d: residual %g", i, residual_of(&p));
+		CHECK(result.iterations <= 100, "%d: %zu steps", i, result.iterations);
+	}
 }
 
 /* The residual after one step: with the widest tolerance that is not met by none. */
@@ -244,6 +292,8 @@ static void test_number_of_rows_that_is_not_that_of_the_factor(void) {
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_newton_corrects_what_the_way_from_far_away_has_left);
+	RUN_TEST(test_correction_that_goes_far_is_taken_where_it_leaves_less);
+	RUN_TEST(test_tolerance_that_is_just_met_ends_the_steps);
 	RUN_TEST(test_gradient_goes_on_until_the_way_from_far_away_leaves_nothing);
 	RUN_TEST(test_further_newton_steps_never_leave_more_than_the_first);
 	RUN_TEST(test_best_plan_takes_few_steps_to_be_found_the_best);

@@ -627,6 +627,7 @@ static int same_solve(const second *s, const KOOP(mpc_result) *result) {
 typedef struct {
 	size_t solves, steps, others, paths[PATHS];
 	size_t others_up;    /* other where Newton's step led up */
+	size_t others_eight; /* where a factor lost eight rows at once */
 	size_t others_stale; /* where one with the matrix of an earlier solve did */
 } tally;
 
@@ -642,6 +643,7 @@ static void run_beside(random_source *random, problem *p, int method, tally *see
 		KOOP(mpc_result) result;
 		real u[FEW_m];
 		const size_t up = s.paths[UPHILL], stale = s.paths[STALE];
+		const size_t eight = s.paths[EIGHT_DROPPED];
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, p->theta, p->psi, p->reference, p->before, u, &result));
 		second_solve(&s, p, tolerance, method);
 		same = same_solve(&s, &result);
@@ -650,6 +652,7 @@ static void run_beside(random_source *random, problem *p, int method, tally *see
 		seen->steps += s.iterations;
 		seen->others += !same;
 		seen->others_up += !same && s.paths[UPHILL] > up;
+		seen->others_eight += !same && s.paths[EIGHT_DROPPED] > eight;
 		seen->others_stale += !same && s.paths[STALE] > stale;
 		for (size_t e = 0; e < s.now.V; e++) { s.v[e] = mpc.plan[s.now.V - 1 - e]; } /* no rounding adds up */
 		memcpy(p->before, u, p->m * sizeof *u);
@@ -688,7 +691,7 @@ static void run_long_plans(uint64_t seed, tally *seen) {
 /* Eight inputs, so that one array begins where the other ends. */
 static void run_without_padding(uint64_t seed, int method) {
 	random_source random = random_seed(seed);
-	tally seen = {0, 0, 0, {0}, 0, 0};
+	tally seen = {0, 0, 0, {0}, 0, 0, 0};
 	for (int i = 0; i < 100 / TEST_SHARE; i++) {
 		problem p;
 		few_inputs(&random, &p, 2, 4, method == KOOP_MPC_NEWTON ? 10 : 0.3);
@@ -698,7 +701,7 @@ static void run_without_padding(uint64_t seed, int method) {
 }
 
 static void test_gradient_steps_are_those_of_the_second_writing(void) {
-	tally seen = {0, 0, 0, {0}, 0, 0};
+	tally seen = {0, 0, 0, {0}, 0, 0, 0};
 	run_all_sizes(61, KOOP_MPC_GRADIENT, &seen);
 	run_without_padding(63, KOOP_MPC_GRADIENT);
 	printf("%zu solves, %zu steps, %zu others; %zu ways left a limit, %zu met one, %zu were conjugate\n",
@@ -708,7 +711,7 @@ static void test_gradient_steps_are_those_of_the_second_writing(void) {
 }
 
 static void test_newton_steps_are_those_of_the_second_writing(void) {
-	tally seen = {0, 0, 0, {0}, 0, 0};
+	tally seen = {0, 0, 0, {0}, 0, 0, 0};
 	run_all_sizes(62, KOOP_MPC_NEWTON, &seen);
 	run_without_padding(64, KOOP_MPC_NEWTON);
 	run_long_plans(65, &seen);
@@ -719,6 +722,7 @@ static void test_newton_steps_are_those_of_the_second_writing(void) {
 	TEST_ASSERT_TRUE(seen.paths[REUSED] > 100 / TEST_SHARE && seen.paths[ABANDONED] > 100 / TEST_SHARE);
 	TEST_ASSERT_TRUE(seen.paths[FEW_DROPPED] > 100 / TEST_SHARE && seen.paths[UPHILL] > 5 / TEST_SHARE);
 	TEST_ASSERT_TRUE(seen.paths[EIGHT_DROPPED] >= 5 / TEST_SHARE);
+	CHECK(seen.others_eight <= seen.paths[EIGHT_DROPPED] / 4, "%zu others", seen.others_eight);
 	TEST_ASSERT_TRUE(seen.paths[STALE] >= 4 / TEST_SHARE);
 	CHECK(seen.others_stale <= seen.paths[STALE] / 4, "%zu of %zu", seen.others_stale, seen.paths[STALE]);
 	CHECK(seen.others_up <= 1 + seen.paths[UPHILL] / 40, "%zu others", seen.others_up);

@@ -257,7 +257,7 @@ typedef struct KOOP(gate) {
 	int changed;            /* 1: a change is believed, `before` is kept */
 	int trust;              /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE */
 	int worst;              /* likewise, of this window alone */
-	koop_checksum sum;      /* of usual, recent and before */
+	koop_checksum sum;      /* of usual, recent and before, and of what stands from `early` to here */
 } KOOP(gate);
 
 /* For an estimator that is initialised, after a model is loaded. `config` may be null.

@@ -53,8 +53,8 @@ int KOOP(guard_init)(KOOP(guard) *guard, const KOOP(guard_config) *config, KOOP(
 /* rls_update() in its place, or with config.gate gate_update(), with its arguments and status. Judges the
  * models by the sample, unless the gate refuses that. Starts the learner again where P is not positive
  * definite, where `patience` samples in a row could not be learned, or where it has not been trusted for
- * long: P then becomes a hundredth of p0 I, and Theta, unless it is in use, the last good or the offline
- * model. */
+ * long: P then becomes a hundredth of p0 I, and Theta, unless it is in use and finite, the last good or the
+ * offline model. */
 int KOOP(guard_update)(KOOP(guard) *guard, KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u,
                        const KOOP_REAL *psi_next, KOOP(health) *health);
 

@@ -11,7 +11,7 @@
 #define GATE_HOLD 1000
 #define GATE_MEMORY 5000              /* samples in the mean squares */
 #define GATE_WINDOW 4                 /* regressors times this: samples that a model is judged by */
-#define GATE_CONSISTENT ((real)1.5)   /* times the usual mean square, at most */
+#define GATE_CONSISTENT ((real)1.5)   /* times the usual mean square: below it, a model is consistent */
 #define GATE_BETTER ((real)1.05)      /* times smaller than the learner's: little by little would add up */
 #define GATE_BETTER_AGAIN ((real)1.2) /* likewise, where it has come back already */
 #define GATE_DOUBT 5                  /* times the usual mean square over a window: the model is doubtful */
@@ -90,7 +90,6 @@ COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, cons
 	if (reals < needed + 3 * N) { return KOOP_E_STORAGE; }
 
 	gate_configure(gate, config);
-	(void)memset((unsigned char *)gate + sizeof gate->config, 0, sizeof *gate - sizeof gate->config);
 	(void)KOOP(rls_init)(&gate->saved, &rls->config, storage, needed);
 	take_over(&gate->saved, rls);
 	gate->usual = storage + needed;

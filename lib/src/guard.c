@@ -137,13 +137,16 @@ static void distrust(KOOP(guard) *g) {
 	if (g->model == ONLINE && g->delay < GUARD_LONGEST * g->config.patience) { g->delay *= 2; }
 }
 
-/* Starts the learner again; while it is trusted it keeps its Theta. */
+/* Starts the learner again; while it is trusted it keeps its Theta, unless that is not finite: a plan need not
+ * show it. */
 static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
-	if (g->model != ONLINE) {
-		const real *const models[] = {NULL, g->last_good, g->offline}, *from = models[fallback(g)];
-		g->error[ONLINE] = g->error[fallback(g)];
-		(void)KOOP(rls_copy_theta)(rls, from);
+	const real *const models[] = {rls->theta, g->last_good, g->offline};
+	int from = g->model == ONLINE ? ONLINE : fallback(g);
+	if (KOOP(rls_copy_theta)(rls, models[from]) != KOOP_OK) {
+		from = OFFLINE;
+		(void)KOOP(rls_copy_theta)(rls, g->offline);
 	}
+	g->error[ONLINE] = g->error[from];
 	/* a p0 that small has nothing below it in this precision */
 	if (KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN) != KOOP_OK) {
 		(void)KOOP(rls_reset_covariance)(rls, rls->config.p0);

@@ -131,7 +131,6 @@ OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 		for (size_t j = 0; j < m; j++) {
 			real *row = generator_row(mpc, j);
 			for (size_t k = V; k-- > q + m;) { row[k] = row[k - m]; }
-			for (size_t k = q; k < q + m; k++) { row[k] = 0; }
 		}
 	}
 	return KOOP_OK;

@@ -58,7 +58,7 @@ static real room_along(const KOOP(mpc) *mpc) {
 	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
 		const real way = mpc->way[q], speed = MATH(fabs)(way);
 		const real room = way < 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
-		if (room < speed * length) { length = room / speed; }
+		if (room < speed * length) { length = room / speed * (1 + 4 * REAL_EPSILON); }
 	}
 	return length;
 }
@@ -124,8 +124,8 @@ static int stalls(const KOOP(mpc) *mpc, real residual, real *last) {
 OUT_OF_LINE static void descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	real last = REAL_MAX, curvature;
 	int goes_on = 0;
-	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance;
-	     k++, result->iterations++) {
+	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance; k++) {
+		result->iterations = k;
 		estimate_noise(mpc);
 		const int leaving = !goes_on && begin_way(mpc);
 		go_along(mpc, leaving, &curvature, &goes_on);

@@ -48,6 +48,18 @@ wide model(const problem *p, size_t i, size_t j) {
 	return p->theta[j * KOOP_PAD(p->N) + i];
 }
 
+/* What the inputs u of step k and their neighbours cost by R and S: half the derivative by input j. */
+static wide weights_gradient(const problem *p, const real *u, size_t k, size_t j) {
+	wide sum = 0;
+	for (size_t e = 0; e < p->m; e++) {
+		sum += p->R[j * p->m + e] * (wide)u[e];
+		if (!p->rate) { continue; }
+		sum += p->S[j * p->m + e] * ((wide)u[e] - (k > 0 ? (u - p->m)[e] : p->before[e]));
+		if (k + 1 < p->H) { sum -= p->S[j * p->m + e] * ((wide)(u + p->m)[e] - u[e]); }
+	}
+	return sum;
+}
+
 void costate_gradient(const problem *p, const real *u, wide *gradient) {
 	static wide x[MOST_H + 1][MOST_N];
 	wide costate[MOST_N] = {0}, before[MOST_N];
@@ -68,12 +80,8 @@ void costate_gradient(const problem *p, const real *u, wide *gradient) {
 		}
 		for (size_t j = 0; j < p->m; j++) {
 			const size_t q = k * p->m + j;
-			gradient[q] = p->R[j * p->m + j] * (wide)u[q];
+			gradient[q] = weights_gradient(p, u + k * p->m, k, j);
 			for (size_t i = 0; i < p->N; i++) { gradient[q] += model(p, i, p->N + j) * costate[i]; }
-			if (!p->rate) { continue; }
-			const wide s = p->S[j * p->m + j];
-			gradient[q] += s * ((wide)u[q] - (k > 0 ? u[q - p->m] : p->before[j]));
-			if (k + 1 < p->H) { gradient[q] -= s * ((wide)u[q + p->m] - u[q]); }
 		}
 		for (size_t i = 0; i < p->N; i++) {
 			before[i] = 0;

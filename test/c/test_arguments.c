@@ -1,6 +1,8 @@
 /* What each call refuses, and that sizes are exact. */
 #include "support.h"
 
+#include <limits.h>
+
 enum { N = 3, M = 2, D = N + M };
 
 static estimator e;
@@ -221,7 +223,7 @@ static void test_refused_settings_leave_the_estimator(void) {
 
 static void test_reset_takes_what_settings_take(void) {
 	static const double bad[] = {
-	    0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MIN / 2};
+	    0, -1, (double)NAN, (double)INFINITY, (double)REAL_MAX, (double)REAL_MAX / 2, (double)REAL_MIN / 2};
 	learned before, after;
 	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
 	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
@@ -290,20 +292,42 @@ static void test_plain_form_pays_only_for_what_it_uses(void) {
 	TEST_ASSERT_TRUE(sift == without + KOOP_SYMMETRIC(24));
 }
 
+/* What each regulator and check needs of storage: P, P^-1 for SIFt alone, and a factor where P is factored.
+ */
+static void test_plain_form_needs_what_is_said(void) {
+	for (int r = 0; r < REGULATORS; r++) {
+		for (int check = 0; check < 3; check++) {
+			size_t reals = 0;
+			estimator_settings(&e, 5, 2, all_regulators[r], &KOOP(form_plain));
+			e.config.check = check;
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reals)(&e.config, &reals));
+			const size_t matrices = all_regulators[r] == &KOOP(reg_sift) ? 2 : 1;
+			const size_t factor = check == KOOP_CHECK_DIAGONAL ? 0 : KOOP_TRIANGLE(7);
+			const size_t expected = KOOP_RLS_REALS(5, 7, matrices * KOOP_SYMMETRIC(7) + factor);
+			CHECK(reals == expected, "%s: %u instead of %u", estimator_name(&e), (unsigned)reals,
+			      (unsigned)expected);
+		}
+	}
+}
+
 static void test_each_status_has_its_own_message(void) {
-	for (int a = KOOP_E_OUTLIER; a <= KOOP_OK; a++) {
+	for (int a = KOOP_E_ARITHMETIC; a <= KOOP_OK; a++) {
 		const char *message = KOOP(status_message)(a);
 		TEST_ASSERT_NOT_NULL(message);
 		TEST_ASSERT_TRUE(strlen(message) > 1);
 		TEST_ASSERT_TRUE(strcmp(message, KOOP(status_message)(1)) != 0);
 		TEST_ASSERT_TRUE(strcmp(message, OTHER(status_message)(a)) == 0);
-		for (int b = KOOP_E_OUTLIER; b < a; b++) {
+		for (int b = KOOP_E_ARITHMETIC; b < a; b++) {
 			TEST_ASSERT_TRUE(strcmp(message, KOOP(status_message)(b)) != 0);
 		}
 	}
-	TEST_ASSERT_NOT_NULL(KOOP(status_message)(1));
-	TEST_ASSERT_NOT_NULL(KOOP(status_message)(-1000));
-	TEST_ASSERT_TRUE(strlen(KOOP(status_message)(KOOP_E_OUTLIER - 1)) > 0);
+}
+
+static void test_what_is_no_status_is_called_unknown(void) {
+	static const int none[] = {1, 2, INT_MAX, KOOP_E_ARITHMETIC - 1, KOOP_E_ARITHMETIC - 2, -1000, INT_MIN};
+	for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+		TEST_ASSERT_EQUAL_STRING("unknown status", KOOP(status_message)(none[i]));
+	}
 }
 
 int main(void) {
@@ -318,5 +342,7 @@ int main(void) {
 	RUN_TEST(test_storage_is_exact);
 	RUN_TEST(test_plain_form_pays_only_for_what_it_uses);
 	RUN_TEST(test_each_status_has_its_own_message);
+	RUN_TEST(test_what_is_no_status_is_called_unknown);
+	RUN_TEST(test_plain_form_needs_what_is_said);
 	return UNITY_END();
 }

@@ -43,11 +43,13 @@ static void test_numbers_beside_the_storage_are_mended(void) {
 	start(&KOOP(reg_ef), &KOOP(form_plain), 1);
 	real *const numbers[] = {&e.rls.covariance_scale, &e.rls.theta_bound, &e.rls.covariance_bound};
 	for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
-		const real kept = *numbers[i];
+		const real kept[] = {*numbers[0], *numbers[1], *numbers[2]};
 		for (size_t bit = 0; bit < 8 * sizeof(real); bit++) {
 			flip(numbers[i], bit);
 			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-			CHECK(memcmp(numbers[i], &kept, sizeof kept) == 0, "number %zu, bit %zu", i, bit);
+			for (size_t k = 0; k < 3; k++) {
+				CHECK(memcmp(numbers[k], &kept[k], sizeof *kept) == 0, "number %zu, bit %zu", i, bit);
+			}
 		}
 	}
 }
@@ -86,6 +88,8 @@ static void test_update_refuses_a_memory_that_it_cannot_mend(void) {
 	flip(e.rls.theta, 40);
 	learned_take(&before, &e);
 	CHECK_STATUS(KOOP_E_MEMORY, estimator_update(&e, zeta, psi_next, &health));
+	TEST_ASSERT_TRUE(health.innovation >= 0 && health.innovation <= 0); /* the sample was not looked at */
+	TEST_ASSERT_EQUAL_INT(0, health.gated);
 	learned_take(&after, &e);
 	TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e) && learned_same_covariance(&before, &after, &e));
 	/* a model and a P of one's own begin anew */
@@ -118,6 +122,25 @@ static void test_sum_is_renewed_by_every_change(void) {
 			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
 			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
 		}
+	}
+}
+
+/* What it is of, in words of 32 bits: Theta and P, then three numbers. The first is their sum, the second
+ * that of each times its distance from the end. */
+static void test_the_sum_is_what_is_said(void) {
+	for (size_t f = 0; f < FORMS; f++) {
+		start(&KOOP(reg_sift), all_forms[f], 1);
+		const real numbers[] = {e.rls.covariance_scale, e.rls.theta_bound, e.rls.covariance_bound};
+		const size_t most = learned_reals() * sizeof(real) / 4, count = most + sizeof numbers / 4;
+		uint64_t words = 0, places = 0;
+		for (size_t i = 0; i < count; i++) {
+			const unsigned char *theta = (const unsigned char *)e.rls.theta;
+			uint32_t word;
+			memcpy(&word, i < most ? theta + 4 * i : (const unsigned char *)numbers + 4 * (i - most), 4);
+			words += word;
+			places += (uint64_t)word * (count - i);
+		}
+		TEST_ASSERT_TRUE(words == e.rls.sum.words && places == e.rls.sum.places);
 	}
 }
 
@@ -214,6 +237,7 @@ int main(void) {
 	RUN_TEST(test_two_bits_are_told_or_at_least_not_overlooked);
 	RUN_TEST(test_update_refuses_a_memory_that_it_cannot_mend);
 	RUN_TEST(test_sum_is_renewed_by_every_change);
+	RUN_TEST(test_the_sum_is_what_is_said);
 	RUN_TEST(test_learning_is_the_same_with_a_checksum);
 	RUN_TEST(test_refused_samples_leave_the_sum_alone);
 	RUN_TEST(test_a_setting_that_is_none_is_refused);

@@ -151,6 +151,50 @@ static void test_result_that_is_not_finite_is_refused(void) {
 	CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(lift)(&KOOP(poly_ddr), large, lifted));
 }
 
+/* ---- From one value to the most there may be ------------------------------------- */
+
+static const real marked = 77;
+
+/* Beyond what is lifted stands NaN; `context` says which value is infinite. */
+static void lift_many(const KOOP(dictionary) *self, const real *x, real *psi) {
+	for (size_t i = 0; i < self->n_lifted; i++) { psi[i] = x[i % self->n_states]; }
+	if (self->context) { psi[*(const size_t *)self->context] = (real)INFINITY; }
+}
+
+/* psi is written only where the sizes are right; nothing beyond the n and N of them is looked at. */
+static int lift_sizes(size_t n, size_t N, const size_t *infinite) {
+	static real x[KOOP_MAX_DIM + 2], psi[KOOP_MAX_DIM + 2];
+	const KOOP(dictionary) many = {"many", n, N, lift_many, infinite};
+	for (size_t i = 0; i < KOOP_MAX_DIM + 2; i++) {
+		x[i] = i < n ? 1 : (real)NAN;
+		psi[i] = i == 0 || i < N ? marked : (real)NAN;
+	}
+	const int status = KOOP(lift)(&many, x, psi);
+	const int untouched = memcmp(psi, &marked, sizeof marked) == 0;
+	CHECK(untouched == (status == KOOP_E_SIZE), "n %zu, N %zu", n, N);
+	return status;
+}
+
+static void test_sizes_of_a_dictionary(void) {
+	static const size_t states[] = {1, 2, KOOP_MAX_DIM};
+	for (size_t i = 0; i < sizeof states / sizeof *states; i++) {
+		const size_t n = states[i];
+		CHECK_STATUS(KOOP_OK, lift_sizes(n, n, NULL));
+		CHECK_STATUS(KOOP_OK, lift_sizes(n, KOOP_MAX_DIM, NULL));
+		CHECK_STATUS(KOOP_E_SIZE, lift_sizes(n, KOOP_MAX_DIM + 1, NULL));
+		CHECK_STATUS(KOOP_E_SIZE, lift_sizes(n, n - 1, NULL));
+		CHECK_STATUS(KOOP_E_SIZE, lift_sizes(0, n, NULL));
+	}
+	CHECK_STATUS(KOOP_E_SIZE, lift_sizes(KOOP_MAX_DIM + 1, KOOP_MAX_DIM + 1, NULL));
+}
+
+static void test_each_value_that_is_not_finite_is_seen(void) {
+	for (size_t infinite = 0; infinite < 9; infinite++) {
+		CHECK_STATUS(KOOP_E_OVERFLOW, lift_sizes(1, infinite + 1, &infinite));
+		CHECK_STATUS(KOOP_E_OVERFLOW, lift_sizes(1, 9, &infinite));
+	}
+}
+
 static void test_state_that_is_not_finite_is_refused(void) {
 	const KOOP(dictionary) *const all[] = {&KOOP(poly_ddr), &KOOP(rbf_ddr), &KOOP(poly_fwmav),
 	                                       &KOOP(rbf_fwmav)};
@@ -175,6 +219,8 @@ int main(void) {
 	RUN_TEST(test_far_state_is_lifted);
 	RUN_TEST(test_own_dictionary_sees_its_context);
 	RUN_TEST(test_result_that_is_not_finite_is_refused);
+	RUN_TEST(test_sizes_of_a_dictionary);
+	RUN_TEST(test_each_value_that_is_not_finite_is_seen);
 	RUN_TEST(test_state_that_is_not_finite_is_refused);
 	return UNITY_END();
 }

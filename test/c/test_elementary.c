@@ -53,6 +53,15 @@ static void test_angles_next_to_quarter_turns(void) {
 	}
 }
 
+/* where what is left of an angle is largest, and the series of sine and cosine end latest */
+static void test_angles_between_quarter_turns(void) {
+	random_source random = random_seed(3);
+	for (int k = 0; k < 20000 / TEST_SHARE; k++) {
+		const wide between = TURN / 8 * (1 + 2 * (wide)(k % 8 - 4));
+		check_angle((real)(between * (wide)random_uniform(&random, 0.99, 1.01)));
+	}
+}
+
 static void test_small_angles_are_their_own_sine(void) {
 	real psi[22];
 	for (int exponent = -30; exponent > -120; exponent--) {
@@ -116,6 +125,7 @@ int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_angles_are_right_to_the_last_place);
 	RUN_TEST(test_angles_next_to_quarter_turns);
+	RUN_TEST(test_angles_between_quarter_turns);
 	RUN_TEST(test_small_angles_are_their_own_sine);
 	RUN_TEST(test_far_angles_lose_their_last_place_only);
 	RUN_TEST(test_angles_without_a_sine_are_refused);

@@ -55,6 +55,24 @@ static void test_theta_of_another_estimator(void) {
 	TEST_ASSERT_EQUAL_MEMORY(theta, back, sizeof theta);
 }
 
+/* Wherever it is and whatever its sign; numbers that follow Theta in memory do not count. */
+static void test_bound_of_theta_is_its_largest_element(void) {
+	random_source random = random_seed(26);
+	for (size_t at = 0; at < N * D; at++) {
+		real theta[N * D + 1];
+		const real size = (real)ldexp(1, (int)(at % 9) - 4);
+		estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
+		random_fill(&random, theta, N * D, -(double)size, (double)size);
+		theta[at] = at % 2 ? 2 * size : -2 * size;
+		theta[N * D] = 1000;
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 * size && e.rls.theta_bound <= 2 * size);
+		e.rls.theta_bound = 0;
+		CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&e.rls, e.rls.theta));
+		TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 * size && e.rls.theta_bound <= 2 * size);
+	}
+}
+
 /* What stands in the padding of a copied Theta is not learned on: the fuzzer found that it grew until the
  * gate could not bring Theta back. */
 static void test_padding_of_a_copy_is_zero(void) {
@@ -239,11 +257,74 @@ static void test_health_of_an_accepted_sample(void) {
 	}
 }
 
+/* What is given out ends where it should. */
+static void test_nothing_is_written_behind_what_is_asked_for(void) {
+	enum { BEHIND = MAX_D };
+	for (size_t n_lifted = 1; n_lifted <= 9; n_lifted++) {
+		const size_t m = 1 + n_lifted % 2, d = n_lifted + m;
+		real theta[MAX_N * MAX_D], covariance[MAX_D * MAX_D], psi_next[MAX_N + BEHIND], zeta[MAX_D] = {0};
+		estimator_default(&e, n_lifted, m, &KOOP(reg_ef), all_forms[n_lifted % FORMS]);
+		for (size_t i = 0; i < BEHIND; i++) {
+			theta[n_lifted * d + i] = covariance[d * d + i] = psi_next[n_lifted + i] = 7;
+		}
+		CHECK_STATUS(KOOP_OK, KOOP(rls_get_theta)(&e.rls, theta));
+		CHECK_STATUS(KOOP_OK, KOOP(rls_get_covariance)(&e.rls, covariance));
+		CHECK_STATUS(KOOP_OK, KOOP(rls_predict)(&e.rls, zeta, zeta + n_lifted, psi_next));
+		for (size_t i = 0; i < BEHIND; i++) {
+			const real *const behind[] = {theta + n_lifted * d, covariance + d * d, psi_next + n_lifted};
+			for (size_t k = 0; k < 3; k++) { TEST_ASSERT_TRUE(behind[k][i] >= 7 && behind[k][i] <= 7); }
+		}
+	}
+}
+
+/* Theta' as it is kept, with nothing but zeros in its padding, whatever lies behind what is given. */
+static void test_theta_is_kept_with_zeros_in_its_padding(void) {
+	random_source random = random_seed(27);
+	for (size_t n_lifted = 1; n_lifted <= 9; n_lifted++) {
+		const size_t m = 1 + n_lifted % 2, d = n_lifted + m, row = (n_lifted + 3) / 4 * 4;
+		real theta[MAX_N * MAX_D];
+		estimator_default(&e, n_lifted, m, &KOOP(reg_ef), &KOOP(form_sqrt));
+		random_fill(&random, theta, MAX_N * MAX_D, 1, 2);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		for (size_t i = 0; i < (d + 1) / 2 * 2 * row; i++) {
+			const size_t j = i / row, k = i % row;
+			const real expected = j < d && k < n_lifted ? theta[k * d + j] : 0;
+			TEST_ASSERT_EQUAL_MEMORY(&expected, &e.rls.theta[i], sizeof expected);
+		}
+	}
+}
+
+/* What is outside its storage, too. */
+static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
+	static estimator fresh;
+	for (int r = 0; r < REGULATORS; r++) {
+		for (int f = 0; f < FORMS; f++) {
+			random_source random = random_seed(26);
+			estimator_default(&fresh, N, M, all_regulators[r], all_forms[f]);
+			estimator_default(&e, N, M, all_regulators[r], all_forms[f]);
+			e.config.delta = (real)0.01;
+			estimator_teach(&e, &random, 30);
+			e.rls.positive_definite = 0;
+			e.rls.mended = 5;
+			e.rls.covariance_scale = 3;
+			e.config.delta = fresh.config.delta;
+			estimator_start(&e);
+			TEST_ASSERT_EQUAL_MEMORY(fresh.rls.theta, e.rls.theta, e.rls.kept * sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.theta_bound, &e.rls.theta_bound, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_bound, &e.rls.covariance_bound, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_scale, &e.rls.covariance_scale, sizeof(real));
+			TEST_ASSERT_EQUAL_INT(1, e.rls.positive_definite);
+			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+		}
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_starts_from_nothing);
 	RUN_TEST(test_theta_round_trip);
 	RUN_TEST(test_theta_of_another_estimator);
+	RUN_TEST(test_bound_of_theta_is_its_largest_element);
 	RUN_TEST(test_padding_of_a_copy_is_zero);
 	RUN_TEST(test_theta_that_is_not_finite_is_refused);
 	RUN_TEST(test_predicts_theta_times_zeta);
@@ -251,5 +332,8 @@ int main(void) {
 	RUN_TEST(test_prediction_changes_nothing);
 	RUN_TEST(test_reset_keeps_theta);
 	RUN_TEST(test_health_of_an_accepted_sample);
+	RUN_TEST(test_an_estimator_that_begins_again_is_as_a_new_one);
+	RUN_TEST(test_nothing_is_written_behind_what_is_asked_for);
+	RUN_TEST(test_theta_is_kept_with_zeros_in_its_padding);
 	return UNITY_END();
 }

@@ -257,11 +257,20 @@ static void test_hold(void) {
 	}
 }
 
-/* The model that the learner begins with is one to come back to. */
+/* The model that the learner begins with is one to come back to, with its P; the learner stays as it is. */
 static void test_loaded_model_is_saved(void) {
-	start_learned(&KOOP(reg_ef), &KOOP(form_sqrt));
-	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
-	TEST_ASSERT_TRUE(memcmp(e.rls.theta, gate.saved.theta, D * e.rls.n_lifted_padded * sizeof(real)) == 0);
+	FOR_ALL_KINDS {
+		start_learned(all_regulators[r], all_forms[f]);
+		learned had, saved;
+		learned_take(&had, &e);
+		CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
+		check_unchanged(&had, "with a gate");
+		twin = e;
+		twin.rls = gate.saved;
+		learned_take(&saved, &twin);
+		CHECK(learned_same_theta(&had, &saved, &e), "%s: Theta", estimator_name(&e));
+		CHECK(learned_same_covariance(&had, &saved, &e), "%s: P", estimator_name(&e));
+	}
 }
 
 /* Nothing is saved while a fault is at work. */
@@ -462,6 +471,10 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(NULL, NULL, &e.rls, storage, REALS));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, NULL, storage, REALS));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &empty, storage, REALS));
+	empty = e.rls;
+	empty.theta = NULL;
+	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &empty, storage, REALS));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_update)(&gate, &empty, zeta, zeta, psi_next, NULL));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(gate_init)(&gate, NULL, &e.rls, NULL, REALS));
 	CHECK_STATUS(KOOP_E_STORAGE,
 	             KOOP(gate_init)(&gate, NULL, &e.rls, storage, KOOP_GATE_REALS_SQRT(N, M) - 1));
@@ -483,6 +496,9 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
 	estimator_default(&twin, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
 	twin.rls.config.check = e.rls.config.check + 1;
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
+	estimator_default(&twin, N, M, &KOOP(reg_ef), &KOOP(form_sqrt));
+	twin.rls.config.checksum = 1;
 	CHECK_STATUS(KOOP_E_SIZE, KOOP(gate_update)(&gate, &twin.rls, zeta, zeta, psi_next, NULL));
 	CHECK_STATUS(KOOP_OK, KOOP(gate_update)(&gate, &e.rls, zeta, zeta, psi_next, NULL));
 	e.rls.config.p0 = -1;

@@ -60,10 +60,28 @@ static void test_range_of_an_input_decides_what_is_judged(void) {
 	TEST_ASSERT_TRUE(guard.judged[0] > 0 && guard.judged[1] > 0 && guard.judged[3] > 0);
 }
 
+static int first_state_is_judged_for_first_input(real own, real on_second, real by_second) {
+	const real gain[N * M] = {own, on_second, by_second, 0};
+	const real little_less = own - 64 * REAL_EPSILON;
+	const real less[N * M] = {little_less, on_second, by_second, 0};
+	CHECK_STATUS(KOOP_OK, start(NULL, less, low, high));
+	TEST_ASSERT_TRUE(guard.judged[0] >= 0 && guard.judged[0] <= 0);
+	CHECK_STATUS(KOOP_OK, start(NULL, gain, low, high));
+	return guard.judged[0] > 0;
+}
+
+/* Exactly a tenth of what the input does, 1 of 1 + 3^2, or nine tenths of what is done to the state, 3^2 of
+ * 3^2 + 1, is enough; a little less of either is not. */
+static void test_a_tenth_or_nine_tenths_of_a_response_are_judged(void) {
+	TEST_ASSERT_TRUE(first_state_is_judged_for_first_input(1, 3, 100));
+	TEST_ASSERT_TRUE(first_state_is_judged_for_first_input(3, 100, 1));
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_defaults_are_those_of_the_header);
 	RUN_TEST(test_settings_are_taken);
 	RUN_TEST(test_range_of_an_input_decides_what_is_judged);
+	RUN_TEST(test_a_tenth_or_nine_tenths_of_a_response_are_judged);
 	return UNITY_END();
 }

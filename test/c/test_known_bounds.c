@@ -73,9 +73,119 @@ static void test_a_gate_keeps_the_bounds_too(void) {
 	}
 }
 
+/* Theta that is set is as large as it is said to be, and what leaves it alone leaves its bound. */
+static void test_bound_of_a_theta_that_is_set(void) {
+	static estimator other;
+	random_source random = random_seed(43);
+	real theta[15];
+	estimator_default(&e, 3, 2, &KOOP(reg_dz_ks), &KOOP(form_sqrt));
+	estimator_default(&other, 3, 2, &KOOP(reg_ef), &KOOP(form_sqrt));
+	TEST_ASSERT_TRUE(e.rls.theta_bound >= 0 && e.rls.theta_bound <= 0);
+	for (size_t at = 0; at < 15; at++) {
+		random_fill(&random, theta, 15, -1, 1);
+		theta[at] = (real)(at % 2 ? -2 : 2);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 && e.rls.theta_bound <= 2);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&other.rls, e.rls.theta));
+		TEST_ASSERT_TRUE(other.rls.theta_bound >= 2 && other.rls.theta_bound <= 2);
+	}
+}
+
+static int decide_covariance_alone(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
+	(void)rls;
+	(void)innovation;
+	step->update_theta = 0;
+	return KOOP_OK;
+}
+
+static void test_theta_that_is_left_alone_keeps_its_bound(void) {
+	const KOOP(regulator) own = {"own", 0, decide_covariance_alone, 1};
+	const real zeta[2] = {1, 2}, psi_next[1] = {100};
+	for (int f = 0; f < FORMS; f++) {
+		estimator_default(&e, 1, 1, &own, all_forms[f]);
+		const real theta[2] = {3, 4};
+		CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+		for (int k = 0; k < 5; k++) {
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			TEST_ASSERT_TRUE(e.rls.theta_bound >= 4 && e.rls.theta_bound <= 4);
+		}
+	}
+}
+
+/* The largest element of Theta may come to just below half of the range. */
+static void test_theta_may_be_below_half_of_the_range(void) {
+	for (int half = 0; half < 2; half++) {
+		for (int f = 0; f < FORMS; f++) {
+			const real zeta[2] = {0}, psi_next[1] = {0};
+			real theta[2] = {1, REAL_MAX / 2};
+			if (!half) { theta[1] *= 1 - REAL_EPSILON; }
+			estimator_default(&e, 1, 1, &KOOP(reg_ef), all_forms[f]);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+			CHECK_STATUS(half ? KOOP_E_OVERFLOW : KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+		}
+	}
+}
+
+/* A bound that has come to exactly that, of a Theta that is far from it. */
+static void test_bound_at_half_of_the_range_is_looked_at(void) {
+	const real zeta[2] = {0}, psi_next[1] = {0}, theta[2] = {1, -2};
+	estimator_default(&e, 1, 1, &KOOP(reg_ef), &KOOP(form_sqrt));
+	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
+	e.rls.theta_bound = REAL_MAX / 2;
+	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+	TEST_ASSERT_TRUE(e.rls.theta_bound >= 2 && e.rls.theta_bound <= 2);
+}
+
+/* Theta goes to and fro by a twentieth of the range, and its bound grows with every step until it is looked
+ * at again: no sample is refused for that. In the dead zone P, and with it the gain, stays as it is. */
+static void test_loose_bound_of_theta_refuses_nothing(void) {
+	const double root = sqrt((double)REAL_MAX);
+	for (int f = 0; f < FORMS; f++) {
+		estimator_settings(&e, 1, 1, &KOOP(reg_dz_cs), all_forms[f]);
+		e.config.delta = (real)root;
+		estimator_start(&e);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, REAL_MAX / 16));
+		double travelled = 0, before = 0;
+		for (int k = 0; k < 100; k++) {
+			const real zeta[2] = {(real)(1 / root), 0},
+			           psi_next[1] = {(real)(k % 2 ? -0.8 * root : 0.8 * root)};
+			CHECK(estimator_update(&e, zeta, psi_next, NULL) == KOOP_OK, "%s step %d", estimator_name(&e), k);
+			TEST_ASSERT_TRUE(e.rls.theta_bound < REAL_MAX / 2);
+			check_bounds(k);
+			travelled += fabs((double)e.rls.theta[0] / (double)REAL_MAX - before);
+			before = (double)e.rls.theta[0] / (double)REAL_MAX;
+		}
+		CHECK(travelled > 4, "by %g of the range: the test is void", travelled);
+	}
+}
+
+/* Far from the end of the range all of Theta is never looked at, which would take its time at every sample:
+ * the bound only grows, while Theta goes to and fro. */
+static void test_bound_of_theta_grows_by_each_step_alone(void) {
+	for (int f = 0; f < FORMS; f++) {
+		estimator_settings(&e, 1, 1, &KOOP(reg_ef), all_forms[f]);
+		e.config.lambda = (real)0.5;
+		estimator_start(&e);
+		for (int k = 0; k < 50; k++) {
+			const real zeta[2] = {1, (real)(k % 3)}, psi_next[1] = {(real)(k % 2 ? -1 : 1)},
+			           before = e.rls.theta_bound;
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			TEST_ASSERT_TRUE(e.rls.theta_bound >= before);
+		}
+		const double theta = largest(e.rls.theta, e.rls.n_regressors * e.rls.n_lifted_padded);
+		CHECK((double)e.rls.theta_bound > 4 * theta, "%g, Theta %g", (double)e.rls.theta_bound, theta);
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_no_element_is_beyond_its_bound);
 	RUN_TEST(test_a_gate_keeps_the_bounds_too);
+	RUN_TEST(test_bound_of_a_theta_that_is_set);
+	RUN_TEST(test_theta_that_is_left_alone_keeps_its_bound);
+	RUN_TEST(test_theta_may_be_below_half_of_the_range);
+	RUN_TEST(test_loose_bound_of_theta_refuses_nothing);
+	RUN_TEST(test_bound_at_half_of_the_range_is_looked_at);
+	RUN_TEST(test_bound_of_theta_grows_by_each_step_alone);
 	return UNITY_END();
 }

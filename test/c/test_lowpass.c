@@ -106,6 +106,35 @@ static void test_refused_samples_change_nothing(void) {
 	}
 }
 
+/* What stands behind them is neither judged nor written. */
+static void test_only_the_channels_are_filtered(void) {
+	for (size_t n = 1; n <= 3; n++) {
+		KOOP(lowpass) filter = filter_of(n, 5, 100);
+		const real x[4] = {1, -2, 3, REAL_MAX}, beyond = 7;
+		real y[4] = {beyond, beyond, beyond, beyond}, input[4];
+		memcpy(input, x, sizeof x);
+		input[n] = n % 2 ? REAL_MAX : (real)NAN;
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, input, y));
+		for (size_t i = 0; i < n; i++) {
+			CHECK(fabs((double)(y[i] - x[i])) < 1e-4, "channel %zu of %zu", i, n);
+		}
+		for (size_t i = n; i < 4; i++) { TEST_ASSERT_EQUAL_MEMORY(&beyond, &y[i], sizeof beyond); }
+	}
+}
+
+/* A channel each, of either sign. */
+static void test_largest_input_is_one_below_a_64th_of_the_range(void) {
+	const real most = REAL_MAX / 64;
+	for (size_t k = 0; k < 6; k++) {
+		KOOP(lowpass) filter = filter_of(3, 5, 100);
+		real x[3] = {1, 2, 3}, y[3];
+		x[k / 2] = k % 2 ? -most : most;
+		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(lowpass_step)(&filter, x, y));
+		x[k / 2] *= 1 - REAL_EPSILON;
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, x, y));
+	}
+}
+
 static void test_arguments(void) {
 	KOOP(lowpass) filter, unset = {0};
 	real x = 1;
@@ -140,6 +169,46 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(lowpass_step)(&filter, &x, NULL));
 }
 
+/* From a thousandth to 0.45 of the rate, and as many channels as there are lifted states at most. */
+static void test_settings_at_their_limits(void) {
+	static real many[KOOP_LOWPASS_REALS(KOOP_MAX_DIM)];
+	static const double limits[] = {0.001, 0.45};
+	KOOP(lowpass) filter;
+	for (int i = 0; i < 2; i++) {
+		const real within = (real)limits[i], beyond = within * (i ? 1 + REAL_EPSILON : 1 - REAL_EPSILON);
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_init)(&filter, 1, within, 1, many, 2));
+		CHECK_STATUS(KOOP_E_RANGE, KOOP(lowpass_init)(&filter, 1, beyond, 1, many, 2));
+	}
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(lowpass_init)(&filter, KOOP_MAX_DIM, 5, 100, many, sizeof many / sizeof *many));
+}
+
+/* Two numbers a channel, all of which are used, and nothing behind them. */
+static void test_storage_is_exact(void) {
+	for (size_t n = 1; n <= 5; n++) {
+		real state[2 * 5 + 4], x[5] = {1, 2, 3, 4, 5}, y[5];
+		KOOP(lowpass) filter;
+		for (size_t i = 0; i < 2 * 5 + 4; i++) { state[i] = (real)NAN; }
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_init)(&filter, n, 5, 100, state, KOOP_LOWPASS_REALS(n)));
+		for (int k = 0; k < 3; k++) { CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, x, y)); }
+		for (size_t i = 0; i < 2 * 5 + 4; i++) {
+			CHECK(isfinite(state[i]) ? i < 2 * n : i >= 2 * n, "%d channels, number %d", (int)n, (int)i);
+		}
+	}
+}
+
+/* A sample is too large from a 64th of the range on, of either sign and in any channel. */
+static void test_a_sample_may_be_below_a_64th_of_the_range(void) {
+	for (int i = 0; i < 6; i++) {
+		KOOP(lowpass) filter = filter_of(3, 5, 100);
+		real x[3] = {1, 2, 3}, y[3];
+		x[i % 3] = REAL_MAX / 64 * (real)(i < 3 ? 1 : -1);
+		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(lowpass_step)(&filter, x, y));
+		x[i % 3] *= 1 - REAL_EPSILON;
+		CHECK_STATUS(KOOP_OK, KOOP(lowpass_step)(&filter, x, y));
+	}
+}
+
 /* Where a thousandth of the rate underflows to 0, a cutoff of 0 is not above it. */
 static void test_rate_at_the_end_of_the_range(void) {
 	KOOP(lowpass) filter;
@@ -167,8 +236,13 @@ int main(void) {
 	RUN_TEST(test_reset_begins_settled_again);
 	RUN_TEST(test_slow_signals_are_late_by_what_is_said);
 	RUN_TEST(test_refused_samples_change_nothing);
+	RUN_TEST(test_only_the_channels_are_filtered);
+	RUN_TEST(test_largest_input_is_one_below_a_64th_of_the_range);
 	RUN_TEST(test_arguments);
 	RUN_TEST(test_rate_at_the_end_of_the_range);
+	RUN_TEST(test_settings_at_their_limits);
+	RUN_TEST(test_storage_is_exact);
 	RUN_TEST(test_lasts);
+	RUN_TEST(test_a_sample_may_be_below_a_64th_of_the_range);
 	return UNITY_END();
 }

@@ -1,4 +1,5 @@
 /* Stored models: what comes back, and what is refused. */
+#include "stored.h"
 #include "support.h"
 
 enum { N = 3, M = 2, D = N + M, BYTES = MODEL_BYTES(N, M), FORMAT_AT = 4, CHECKSUM_AT = 20 };
@@ -7,38 +8,8 @@ enum { TRIANGLE = D * (D + 1) / 2 * sizeof(real), BYTES_P = BYTES + TRIANGLE };
 static estimator from, to;
 static unsigned char model[BYTES];
 
-/* CRC-32 by remainders of a byte, apart from the library's */
-static uint32_t checksum(const unsigned char *bytes, size_t count, uint32_t crc) {
-	static uint32_t table[256];
-	for (uint32_t i = 0; i < 256; i++) {
-		uint32_t remainder = i;
-		for (int bit = 0; bit < 8; bit++) {
-			remainder = remainder & 1 ? (remainder >> 1) ^ 0xEDB88320u : remainder >> 1;
-		}
-		table[i] = remainder;
-	}
-	for (size_t i = 0; i < count; i++) { crc = (crc >> 8) ^ table[(crc ^ bytes[i]) & 0xFFu]; }
-	return crc;
-}
-
-/* Makes a model that was tampered with valid again. */
-static void seal_all(unsigned char *bytes, size_t size) {
-	uint32_t crc = checksum(bytes, CHECKSUM_AT, 0xFFFFFFFFu);
-	crc = ~checksum(bytes + CHECKSUM_AT + 4, size - CHECKSUM_AT - 4, crc);
-	for (int i = 0; i < 4; i++) { bytes[CHECKSUM_AT + i] = (unsigned char)(crc >> (8 * i)); }
-}
-
 static void seal(unsigned char *bytes) {
-	seal_all(bytes, BYTES);
-}
-
-/* A number as it is stored, on a machine of any byte order. */
-static void put_real(unsigned char *at, real value) {
-	static const uint16_t one = 1;
-	const int little = *(const unsigned char *)&one;
-	unsigned char bytes[sizeof value];
-	memcpy(bytes, &value, sizeof value);
-	for (size_t i = 0; i < sizeof value; i++) { at[i] = bytes[little ? i : sizeof value - 1 - i]; }
+	stored_seal(bytes, BYTES);
 }
 
 /* `from` has learned something and is saved, `to` holds another Theta */
@@ -199,7 +170,7 @@ static void test_payload_that_is_not_finite_is_refused(void) {
 			unsigned char copy[BYTES];
 			const real value = (real)values[v];
 			memcpy(copy, model, BYTES);
-			put_real(copy + CHECKSUM_AT + 4 + i * sizeof(real), value);
+			stored_put(copy + CHECKSUM_AT + 4 + i * sizeof(real), value, 0);
 			seal(copy);
 			check_refused(copy, BYTES, "not finite");
 		}
@@ -356,8 +327,8 @@ static void test_covariance_that_is_none_is_refused(void) {
 		for (size_t v = 0; v < sizeof bad / sizeof *bad; v++) {
 			const real value = (real)bad[v];
 			store_covariance(all_forms[f]);
-			put_real(with_covariance + BYTES + 2 * sizeof(real), value); /* element (1, 1) */
-			seal_all(with_covariance, BYTES_P);
+			stored_put(with_covariance + BYTES + 2 * sizeof(real), value, 0); /* element (1, 1) */
+			stored_seal(with_covariance, BYTES_P);
 			check_refused(with_covariance, BYTES_P, "diagonal");
 		}
 	}

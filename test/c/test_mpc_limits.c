@@ -210,6 +210,23 @@ static void test_what_holds_an_input_may_be_unknown(void) {
 	}
 }
 
+/* It is free, and where it is: here, where each step is brought to the same place by itself, the best. */
+static void test_input_held_by_no_limit_stays_where_it_is(void) {
+	static const signed char flipped[] = {5, -5, 64, -128, 3, -3, 4, -4};
+	static const real apart[2 * 4] = {0, 0, 0, 0, 1, 0, 0, 0}, near[8] = {1, 1, 1, 1, 1, 1, 1, 1};
+	for (size_t i = 0; i < sizeof flipped / sizeof *flipped; i++) {
+		real u[1];
+		KOOP(mpc_result) result;
+		start(KOOP_MPC_NEWTON);
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, apart, here, near, NULL, u, &result));
+		TEST_ASSERT_TRUE(result.iterations > 0);
+		mpc.set[i] = flipped[i];
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, apart, here, near, NULL, u, &result));
+		CHECK(result.iterations == 0, "%zu steps", result.iterations);
+		for (size_t q = 0; q < 8; q++) { TEST_ASSERT_TRUE(mpc.set[q] == 0); }
+	}
+}
+
 /* Without limits the optimum is that of a linear system: the gradient vanishes. */
 static void test_infinite_means_no_limit(void) {
 	for (int method = KOOP_MPC_NEWTON; method <= KOOP_MPC_GRADIENT; method++) {
@@ -274,6 +291,7 @@ int main(int count, char **arguments) {
 	RUN_TEST(test_crossed_limits_are_refused_and_the_last_plan_is_kept);
 	RUN_TEST(test_safe_input_is_brought_inside_the_limits_of_the_solve);
 	RUN_TEST(test_what_holds_an_input_may_be_unknown);
+	RUN_TEST(test_input_held_by_no_limit_stays_where_it_is);
 	RUN_TEST(test_infinite_means_no_limit);
 	RUN_TEST(test_optimum_beyond_range_is_refused);
 	RUN_TEST(test_weights_may_change_but_not_into_what_is_none);

@@ -122,8 +122,50 @@ static void test_plans_what_is_best_in_exact_storage(void) {
 	}
 }
 
+/* ---- Where everything is --------------------------------------------------------- */
+
+/* One array of the controller: it begins where the one before has ended, or later. */
+static const real *check_array(const real *array, const real *free_from, size_t length, size_t round) {
+	CHECK(array >= free_from, "round %zu: begins %ld before", round, (long)(free_from - array));
+	return array + length;
+}
+
+/* All of them, as long as the header says they are; returns where the last ends. */
+static const real *check_arrays(size_t round) {
+	const size_t N = p.c.n_lifted, n = p.c.n_states, m = p.c.n_inputs, H = p.c.horizon, V = H * m;
+	const size_t states = n * KOOP_MPC_PAD(H), inputs = KOOP_MPC_PAD(V);
+	const real *const of_inputs[] = {mpc.inverse, mpc.plan, mpc.gradient, mpc.trial, mpc.other, mpc.step};
+	const real *const of_one[] = {mpc.u_before, mpc.u_min, mpc.u_max, mpc.u_safe};
+	const real *end = check_array(mpc.markov, storage, n * V, round);
+	end = check_array(mpc.free_error, end, states, round);
+	end = check_array(mpc.state, end, states, round);
+	for (size_t i = 0; i < 6; i++) { end = check_array(of_inputs[i], end, inputs, round); }
+	TEST_ASSERT_TRUE((const signed char *)end <= mpc.set && mpc.set + V <= (const signed char *)mpc.u_before);
+	for (size_t i = 0; i < 4; i++) { end = check_array(of_one[i], end, m, round); }
+	end = check_array(mpc.roots, end, 2 * m * m + n * n, round);
+	end = check_array(mpc.work, end, KOOP_MPC_WORK(N, n, m, H), round);
+	if (p.c.method == KOOP_MPC_GRADIENT) { return end; }
+	end = check_array(mpc.square, end, 4 * 4 + 4, round);
+	end = check_array(mpc.generator, end, (n + (p.c.S ? 2 : 1) * m) * inputs + KOOP_MPC_WINDOW, round);
+	return check_array(mpc.factor, end, V * (V + 1) / 2 + 4, round); /* the last four are read in vain */
+}
+
+static void test_arrays_are_apart_and_inside_the_storage(void) {
+	random_source random = random_seed(53);
+	for (size_t round = 0; round < 300; round++) {
+		random_problem(&random, round);
+		CHECK_STATUS(KOOP_E_STORAGE, KOOP(mpc_init)(&mpc, &p.c, storage, p.reals - 1));
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.c, storage, p.reals));
+		TEST_ASSERT_TRUE(check_arrays(round) <= storage + p.reals);
+		TEST_ASSERT_TRUE(mpc.way == mpc.trial && mpc.bent == mpc.other);
+		const int newton = p.c.method == KOOP_MPC_NEWTON;
+		TEST_ASSERT_TRUE(newton || (!mpc.square && !mpc.generator && !mpc.factor));
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_plans_what_is_best_in_exact_storage);
+	RUN_TEST(test_arrays_are_apart_and_inside_the_storage);
 	return UNITY_END();
 }

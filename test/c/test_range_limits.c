@@ -122,6 +122,22 @@ static void test_denominator_of_nothing(void) {
 	TEST_ASSERT_EQUAL_INT(KOOP_E_INDEFINITE, status);
 }
 
+/* An indefinite P whose denominator is negative: refused, but where the caller wants the paper's recursion.
+ */
+static void test_negative_denominator_is_refused_or_reported(void) {
+	for (int check = 0; check < 3; check++) {
+		const real zeta[2] = {1, 0}, psi_next[1] = {2};
+		begin(&KOOP(reg_none), &KOOP(form_plain), 1, 1, check);
+		e.rls.covariance[0] = -3;
+		const int status = estimator_update(&e, zeta, psi_next, NULL);
+		CHECK_STATUS(check == KOOP_CHECK_REPORT ? KOOP_OK : KOOP_E_INDEFINITE, status);
+		const double expected =
+		    status == KOOP_OK ? 2 * -3 / (1 - 3.0) : 0; /* by hand: error P zeta / (1 + s) */
+		CHECK(fabs((double)e.rls.theta[0] - expected) <= 4 * (double)REAL_EPSILON * expected, "check %d: %g",
+		      check, (double)e.rls.theta[0]);
+	}
+}
+
 /* The factor that brings the trace back is in range, but not what it has to make up for besides. */
 static void test_trace_that_cannot_be_brought_back(void) {
 	const double range = TEST_DOUBLE ? DBL_MAX_EXP : FLT_MAX_EXP;
@@ -147,6 +163,21 @@ static void test_constant_trace_with_strong_forgetting(void) {
 		estimator_start(&e);
 		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
 		CHECK(fabs((double)health.trace / 16384 - 1) < 1e-4, "%s: trace %g", estimator_name(&e),
+		      (double)health.trace);
+	}
+}
+
+/* From a trace of nine tenths of the range, as a reset may leave it: it is not scaled by anything before. */
+static void test_constant_trace_from_the_end_of_the_range(void) {
+	for (int f = 0; f < FORMS; f++) {
+		const real zeta[2] = {0}, psi_next[1] = {0};
+		KOOP(health) health;
+		estimator_settings(&e, 1, 1, &KOOP(reg_ct), all_forms[f]);
+		e.config.tau0 = 100;
+		estimator_start(&e);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, (real)0.45 * REAL_MAX));
+		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+		CHECK(fabs((double)health.trace / 100 - 1) < 1e-5, "%s: trace %g", estimator_name(&e),
 		      (double)health.trace);
 	}
 }
@@ -181,6 +212,23 @@ static void test_settings_at_the_end_of_the_range(void) {
 	}
 }
 
+static void check_start(real p0, int status) {
+	estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_sqrt));
+	e.config.tau0 = 1;
+	estimator_start(&e);
+	CHECK_STATUS(status, KOOP(rls_reset_covariance)(&e.rls, p0));
+	e.config.p0 = p0;
+	CHECK_STATUS(status, KOOP(rls_init)(&e.rls, &e.config, e.storage, sizeof e.storage / sizeof *e.storage));
+}
+
+/* The first number of either end, and the one next to it. */
+static void test_covariance_begins_between_the_least_number_and_half_of_the_range(void) {
+	check_start(REAL_MIN, KOOP_OK);
+	check_start(REAL_MIN * (1 - REAL_EPSILON), KOOP_E_RANGE);
+	check_start(REAL_MAX / 2 * (1 - REAL_EPSILON), KOOP_OK);
+	check_start(REAL_MAX / 2, KOOP_E_RANGE);
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_unexcited_covariance_grows_to_half_of_the_range);
@@ -194,6 +242,9 @@ int main(void) {
 	RUN_TEST(test_constant_trace_with_strong_forgetting);
 	RUN_TEST(test_scale_at_the_end_of_the_range);
 	RUN_TEST(test_settings_at_the_end_of_the_range);
+	RUN_TEST(test_covariance_begins_between_the_least_number_and_half_of_the_range);
 	RUN_TEST(test_root_does_not_underflow);
+	RUN_TEST(test_negative_denominator_is_refused_or_reported);
+	RUN_TEST(test_constant_trace_from_the_end_of_the_range);
 	return UNITY_END();
 }

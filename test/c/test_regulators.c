@@ -365,7 +365,7 @@ static void test_memory_shorter_than_the_unknowns_is_told(void) {
 	static const struct {
 		double lambda;
 		int told;
-	} cases[] = {{1, 0}, {0.98, 0}, {0.88, 0}, {0.87, 1}, {0.5, 1}}; /* d = 8: 1 / 8 = 0.125 */
+	} cases[] = {{1, 0}, {0.98, 0}, {0.88, 0}, {0.875, 0}, {0.87, 1}, {0.5, 1}}; /* d = 8: 1 / 8 = 0.125 */
 	for (size_t r = 0; r < REGULATORS; r++) {
 		for (size_t c = 0; c < sizeof cases / sizeof *cases; c++) {
 			KOOP(health) health;
@@ -402,6 +402,38 @@ static void test_winding_up_is_told(void) {
 	}
 }
 
+/* Over a hundred times, and not at it. The root of this trace is exact too. */
+static void test_a_hundred_times_the_trace_is_not_winding_up_yet(void) {
+	for (size_t f = 0; f < FORMS; f++) {
+		for (int over = 0; over < 2; over++) {
+			KOOP(health) health;
+			const real zeta[4] = {0}, psi_next[3] = {0};
+			estimator_settings(&e, 3, 1, &KOOP(reg_dz_ks), all_forms[f]);
+			e.config.tau0 = 1;
+			estimator_start(&e);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, over ? (real)25.1 : 25));
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+			TEST_ASSERT_EQUAL_INT(over, health.winding_up);
+		}
+	}
+}
+
+/* Where none is given, the least zeta' zeta that carries information is 1e-10. */
+static void test_sift_takes_what_is_above_the_least_information_by_default(void) {
+	for (int f = 0; f < FORMS; f++) {
+		for (int enough = 0; enough < 2; enough++) {
+			const real zeta[2] = {(real)(enough ? 1.1e-5 : 0.9e-5), 0}, psi_next[1] = {1};
+			KOOP(health) health;
+			estimator_default(&e, 1, 1, &KOOP(reg_sift), all_forms[f]);
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+			TEST_ASSERT_EQUAL_INT(!enough, health.gated);
+			const real nothing[2] = {0};
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, nothing, psi_next, &health));
+			TEST_ASSERT_EQUAL_INT(1, health.gated);
+		}
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_memory_shorter_than_the_unknowns_is_told);
@@ -417,5 +449,7 @@ int main(void) {
 	RUN_TEST(test_sift_keeps_eigenvalues_bounded);
 	RUN_TEST(test_sift_ignores_what_carries_no_information);
 	RUN_TEST(test_sift_does_not_forget_what_is_not_excited);
+	RUN_TEST(test_a_hundred_times_the_trace_is_not_winding_up_yet);
+	RUN_TEST(test_sift_takes_what_is_above_the_least_information_by_default);
 	return UNITY_END();
 }

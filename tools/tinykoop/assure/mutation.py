@@ -14,7 +14,7 @@ ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "%": "*", "<<": ">>", ">>"
 COMPOUND = {"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*=", "&=": "^=", "^=": "&="}
 RELATIONAL = {"<": ("<=", ">="), "<=": ("<", ">"), ">": (">=", "<="), ">=": (">", "<"), "==": ("!=",), "!=": ("==",)}
 # Functions of lib/ that do not care about the order of two neighbouring arguments, with the first of these.
-SYMMETRIC = {"max_of": 0, "dot": 0, "clip": 0, "add_products": 1}
+SYMMETRIC = {"max_of": 0, "dot": 0, "clip": 0, "add_products": 1, "add_product": 2, "bits_differ": 0}
 LOGICAL = {"&&": ("||", "1"), "||": ("&&", "0")}  # the other one, and what stands for a side that is dropped
 
 

@@ -61,10 +61,12 @@ def _ranking(finder, fit, proofs):
     whole = max(finder.base.cost - fit.cost, 1e-9)
     score = {c.name: 1 + p.gain / whole for c, p in zip(fit.causes, proofs)}
     have = finder.problem.columns([fit.causes, ()]) @ [1.0, -1.0] if fit.causes else finder.base.left
+    best = {}
     for c in finder.candidates(finder.problem.fit_of(())):
         if c.name not in score:
-            size = np.linalg.norm(c.column) * np.linalg.norm(have)
-            score[c.name] = max(score.get(c.name, 0.0), float((c.column @ have / max(size, 1e-9)) ** 2) if fit.causes else 0.0)
+            rival = (c.column @ have) ** 2 / max(c.column @ c.column, 1.0) / max(have @ have, 1e-9)
+            best[c.name] = max(best.get(c.name, 0.0), float(rival) if fit.causes else 0.0)
+    score |= best
     return [{"name": name, "score": float(s)} for name, s in sorted(score.items(), key=lambda item: -item[1])]
 
 

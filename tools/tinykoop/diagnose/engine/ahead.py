@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .problem import FINER
 from .rollouts import Rollouts
 
 HORIZONS = (1, 10, 50)
@@ -53,14 +54,22 @@ class Ahead:
         self.half = np.searchsorted(problem.rollouts.starts, good, side="right") % 2  # 1: in an even one
 
     def errors(self, causes):
-        with np.errstate(all="ignore"):
-            X, Y = self.rollouts.run(self.problem.action(causes))
-        missed = self.rollouts.missed(Y)[:, self.horizons]
+        missed = self.rollouts.missed(self._predicted(self.problem.action(causes)))[:, self.horizons]
         names = [c.name for c in self.problem.robot.channels]
         return {
             gap.name: np.sqrt((missed[..., [names.index(s) for s in gap.states if s in names]] ** 2).sum(-1))
             for gap in self.problem.robot.gaps
         }
+
+    def _predicted(self, action):
+        """Channels (S, longest + 1, c), with the step of time that the log speaks for."""
+        with np.errstate(all="ignore"):
+            Y = self.rollouts.run(action)[1]
+            if self.problem.finer:
+                self.rollouts.substeps = FINER
+                Y = Y + self.problem.finer * (self.rollouts.run(action)[1] - Y)
+                self.rollouts.substeps = 1
+        return Y
 
     def held_out(self, finder, fit):
         """As errors(), each prediction by the sizes of the other half."""

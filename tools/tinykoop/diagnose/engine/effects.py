@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Callable
 
 import numpy as np
+from scipy.signal import lfilter
 
 from ..robot import Parameter
 
@@ -86,11 +87,9 @@ def _lagged(u, params, context):
     if tau <= 1e-9 * dt:
         return u
     keep = np.exp(-dt / tau)
-    out, y = np.empty_like(u), u[0]
-    for k, wanted in enumerate(u):
-        out[k] = wanted + (y - wanted) * tau / dt * (1 - keep)
-        y = wanted + (y - wanted) * keep
-    return out
+    behind = u - u[0]
+    lagged = lfilter([1 - keep], [1, -keep], np.concatenate([[0.0], behind[:-1]]))  # at the start of each row
+    return u[0] + behind + (lagged - behind) * tau / dt * (1 - keep)
 
 
 def _limited_rate(u, params, context):

@@ -77,9 +77,18 @@ def parser():
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
-    gap.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
+    gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own (docs/own-robot.md)")
     gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
+    robot = commands.add_parser("robot", help="a robot of your own: begin its file, check it against a log (docs/own-robot.md)")
+    what = robot.add_subparsers(dest="what", required=True, metavar="WHAT")
+    what.add_parser("new", help="write NAME.toml and NAME.py to begin with").add_argument("name", metavar="NAME")
+    check = what.add_parser("check", help="units, signs, wrapping and timing of a log, as the robot's file has them")
+    check.add_argument("robot", metavar="ROBOT.toml")
+    check.add_argument("log")
+    effects = commands.add_parser("effects", help="every effect with its formula, parameters, units, bounds and usual size")
+    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own")
+    effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
     blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: put known effects into this real flight instead")
@@ -166,7 +175,15 @@ def dispatch(a):
     elif a.command == "diagnose":
         from . import diagnose
 
-        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.platform, a.without, a.healthy)
+        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.robot, a.without, a.healthy)
+    elif a.command == "robot":
+        from .diagnose.robots import check, new
+
+        check.run(a.robot, a.log) if a.what == "check" else new.run(a.name)
+    elif a.command == "effects":
+        from .diagnose.robots import effects
+
+        effects.run(a.robot, a.log)
     elif a.command == "blind":
         from . import blind
         from .blind import flights, injected

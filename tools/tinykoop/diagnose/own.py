@@ -1,15 +1,21 @@
 """The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import UserError
+from ..results import busy, output_folder, printable, replacing, write_bytes
 from .engine import ahead, judge
 from .engine.finder import Finder
 from .engine.problem import Problem
+from .report.html import html
+from .report.story import story
+from .report.terminal import show
+from .robots import check, toml
+from .robots.log import read
 
-ROWS, SECONDS = 50, 2.5  # of a window, at least, and at most
 BLOCKS, BINS = 8, 4  # of the time and of a signal's range
 SHOWN = 1.3  # times the average, from which on a region is named
 
@@ -28,11 +34,7 @@ class Diagnosis:
 
 def rows_of(log):
     """Rows of a window: the longest horizon that is reported, or as many as the log has in a row."""
-    run, longest = 0, 0
-    for good in log.usable:
-        run = run + 1 if good else 0
-        longest = max(longest, run)
-    return min(ROWS, longest)
+    return check.longest_run(log.usable, check.MOST_ROWS)
 
 
 def _intervals(finder, fit):
@@ -98,7 +100,15 @@ def _regions(problem, size):
         for low, high in zip(edges, edges[1:]):
             inside = (typical >= low) & (typical <= high)
             if inside.sum() >= 4 and size[inside].mean() > SHOWN * mean:
-                found.append({"variable": f"size of {signal.name}", "unit": signal.unit, "from": float(low), "to": float(high), "times_average": float(size[inside].mean() / mean)})
+                found.append(
+                    {
+                        "variable": f"size of {signal.name}",
+                        "unit": signal.unit,
+                        "from": float(low),
+                        "to": float(high),
+                        "times_average": float(size[inside].mean() / mean),
+                    }
+                )
     return sorted(found, key=lambda r: -r["times_average"])[:5]
 
 
@@ -158,3 +168,19 @@ def _add_fresh(result, robot, fresh, fit):
     before, after, floor = looked.errors(()), looked.errors(fit.causes), looked.floor()
     gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
     result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps}
+
+
+def run(path, robot_file, out, fresh=None, without=()):
+    """Diagnoses a log file with the robot of a TOML file; writes report.json and report.html, prints the summary."""
+    robot = toml.read(robot_file)
+    logs = [read(file, robot) if file else None for file in (path, fresh)]
+    with busy(f"diagnosing {Path(path).name}"):
+        check.refuse(robot, logs[0], path, robot_file)
+        result = diagnose(logs[0], robot, logs[1], without)
+        out = output_folder(out)
+    result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
+    told = story(result)
+    with replacing(out / "report.json", result.report):
+        write_bytes(out / "report.html", html(told, result.report))
+    show(told, out / "report.html")
+    return result

@@ -94,7 +94,9 @@ class Robot:
         names = [s.name for s in self.states], [s.name for s in self.commands]
         parts = [x[..., i] for i in self.measured]
         for output in self.outputs:
-            parts.append(x[..., names[0].index(output.measures)] if output.measures in names[0] else u[..., names[1].index(output.measures)])
+            parts.append(
+                x[..., names[0].index(output.measures)] if output.measures in names[0] else u[..., names[1].index(output.measures)]
+            )
         return np.stack(parts, -1)
 
 

@@ -7,6 +7,7 @@ from .rollouts import Rollouts
 
 HORIZONS = (1, 10, 50)
 STARTS = 200  # predictions, at most
+SHOWS = 1.1  # times the noise, from which on a gap is one
 DRAWS, BLOCK = 400, 5  # of the bootstrap; predictions in a block
 
 
@@ -96,13 +97,14 @@ def summary(before, after, floor, horizons, seed=0):
     """The `gap` of the report for one gap."""
     keys, rng = [str(h) for h in horizons], np.random.default_rng(seed)
     first, last = rms(before), rms(after)
-    closed = lambda b, a: np.clip((b - a) / np.maximum(b - floor, 1e-12), -1, 1)  # noqa: E731
+    shows = first > SHOWS * floor  # else the gap is about the noise, and there is no percentage of it
+    closed = lambda b, a: np.where(shows, np.clip((b - a) / np.maximum(b - floor, 1e-12), -1, 1), np.nan)  # noqa: E731
     blocks = np.array_split(np.arange(len(before)), max(len(before) // BLOCK, 1))
     draws = []
     for _ in range(DRAWS):
         rows = np.concatenate([blocks[i] for i in rng.integers(len(blocks), size=len(blocks))])
         draws.append(closed(rms(before[rows]), rms(after[rows])))
-    ends = np.nanquantile(draws, [0.025, 0.975], axis=0).T
+    ends = np.quantile(draws, [0.025, 0.975], axis=0).T
     put = lambda values: dict(zip(keys, map(float, values)))  # noqa: E731
     return {
         "before": put(first), "after": put(last), "noise_floor": put(floor), "closed_fraction": put(closed(first, last)),

@@ -52,10 +52,19 @@ class Context:
         u = self.command(j)
         return max(0.5 * np.ptp(u), 1e-6 * np.abs(u).max(), 1e-12)
 
+    def fastest(self, j):
+        """Of a command: the largest step from row to row, per second."""
+        return max(float(np.abs(np.diff(self.command(j))).max()), 1e-12) / self.dt
+
     def speed(self, j):
         """Of a command: how fast it changes where it does, per second."""
         change = np.abs(np.diff(self.command(j)))
         return max(np.quantile(change[change > 0], 0.9) if (change > 0).any() else 0.0, 1e-12) / self.dt
+
+
+def per_second(unit):
+    """m/s -> m/s2."""
+    return f"{unit}2" if unit.endswith("/s") else f"{unit}/s"
 
 
 def _at(j, change):
@@ -95,7 +104,7 @@ def _lagged(u, params, context):
 def _limited_rate(u, params, context):
     most, out, y = params[0] * context.dt, np.empty_like(u), u[0]
     for k, wanted in enumerate(u):
-        y += min(max(wanted - y, -most), most)
+        y = wanted if abs(wanted - y) <= most else y + np.copysign(most, wanted - y)
         out[k] = y
     return out
 
@@ -127,9 +136,27 @@ def commands(context):
         add("bias", (Parameter("d", unit, -largest - size, largest + size, 0.1 * size),), f"{name} + d", lambda u, p, c: u + p[0], (1.0,))
         add("lag", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), f"first-order lag of {name}", _lagged, SIZES)
         add("delay", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), f"{name} at t - delay", _late, SIZES)
-        add("rate_limit", (Parameter("rate", f"{unit}/s", 0.01 * speed, speed, 0.4 * speed),), f"|d {name}/dt| <= rate", _limited_rate, (0.15, 0.3, 0.6, 1.0, 1.5, 2.0))
-        add("dead_band", (Parameter("width", unit, 0, largest, 0.15 * size),), f"0 where |{name}| < width", lambda u, p, c: np.where(np.abs(u) < p[0], 0.0, u), SIZES)
-        add("saturation", (Parameter("most", unit, 0.02 * largest, largest, 0.7 * largest),), f"|{name}| <= most", lambda u, p, c: np.clip(u, -p[0], p[0]), (0.4, 0.6, 0.8, 1.0, 1.2, 1.35))
+        add(
+            "rate_limit",
+            (Parameter("rate", per_second(unit), 0.01 * speed, 2 * context.fastest(j), 0.4 * speed),),
+            f"|d {name}/dt| <= rate",
+            _limited_rate,
+            (0.15, 0.3, 0.6, 1.0, 1.5, 2.0),
+        )
+        add(
+            "dead_band",
+            (Parameter("width", unit, 0, largest, 0.15 * size),),
+            f"0 where |{name}| < width",
+            lambda u, p, c: np.where(np.abs(u) < p[0], 0.0, u),
+            SIZES,
+        )
+        add(
+            "saturation",
+            (Parameter("most", unit, 0.02 * largest, largest, 0.7 * largest),),
+            f"|{name}| <= most",
+            lambda u, p, c: np.clip(u, -p[0], p[0]),
+            (0.4, 0.6, 0.8, 1.0, 1.2, 1.35),
+        )
         add("backlash", (Parameter("half_width", unit, 0, largest, 0.1 * size),), f"play in {name}", _play, SIZES)
         add("sag", (Parameter("loss_at_end", "1", -1, 1, 0.15),), f"gain of {name} that falls over the log", _sagging, (1.0,))
         for i, other in enumerate(robot.commands):
@@ -137,8 +164,26 @@ def commands(context):
                 found.append(_cross(context, i, j, other, signal))
     if len(robot.commands) > 1:
         every = range(len(robot.commands))
-        found.append(Effect("lag:all", "command", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), "first-order lag of all commands", _at(every, _lagged), SIZES))
-        found.append(Effect("delay:all", "command", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), "all commands at t - delay", _at(every, _late), SIZES))
+        found.append(
+            Effect(
+                "lag:all",
+                "command",
+                (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),),
+                "first-order lag of all commands",
+                _at(every, _lagged),
+                SIZES,
+            )
+        )
+        found.append(
+            Effect(
+                "delay:all",
+                "command",
+                (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),),
+                "all commands at t - delay",
+                _at(every, _late),
+                SIZES,
+            )
+        )
     return found
 
 
@@ -192,8 +237,26 @@ def forces(context, velocities, spread):
             return _pushed(action, lambda x, u: -params[0] * x[:, i : i + 1] * unit)
 
         usual = 0.2 * size
-        found.append(Effect(f"force:{signal.name}", "plant", (Parameter("f", f"{signal.unit}/s", -WHOLE, WHOLE, usual),), f"d {signal.name}/dt + f", force, (1.0,)))
-        found.append(Effect(f"damping:{signal.name}", "plant", (Parameter("k", "1/s", -5, 50, 0.2),), f"d {signal.name}/dt - k {signal.name}", damp, (1.0,)))
+        found.append(
+            Effect(
+                f"force:{signal.name}",
+                "plant",
+                (Parameter("f", per_second(signal.unit), -WHOLE, WHOLE, usual),),
+                f"d {signal.name}/dt + f",
+                force,
+                (1.0,),
+            )
+        )
+        found.append(
+            Effect(
+                f"damping:{signal.name}",
+                "plant",
+                (Parameter("k", "1/s", -5, 50, 0.2),),
+                f"d {signal.name}/dt - k {signal.name}",
+                damp,
+                (1.0,),
+            )
+        )
     return found
 
 
@@ -260,12 +323,24 @@ def outputs(context):
             add("scale", Parameter("a", "1", -0.9, 3, 0.05), f"{name} (1 + a)", lambda y, p, rows, dt: y * (1 + p[0]))
         add("sensor_delay", Parameter("delay", "s", 0, 30 * dt + 0.2, 2 * dt), f"{name} at t - delay", _seen_late, SIZES[:5])
         add("sensor_lag", Parameter("tau", "s", 0, 30 * dt + 0.5, 2 * dt), f"first-order lag of {name}", _seen_lagged, SIZES[:5])
-        add("drift", Parameter("rate", f"{unit}/s", -largest, largest, 0.02 * size), f"{name} + rate t", lambda y, p, rows, dt: y + p[0] * rows * dt)
+        add(
+            "drift",
+            Parameter("rate", per_second(unit), -largest, largest, 0.02 * size),
+            f"{name} + rate t",
+            lambda y, p, rows, dt: y + p[0] * rows * dt,
+        )
     return found
 
 
 def library(context, velocities, spread):
     """{name: Effect} of all kinds that the robot uses."""
-    every = [*commands(context), *parameters(context), *forces(context, velocities, spread), *clock(context), *outputs(context), *context.robot.own]
+    every = [
+        *commands(context),
+        *parameters(context),
+        *forces(context, velocities, spread),
+        *clock(context),
+        *outputs(context),
+        *context.robot.own,
+    ]
     use = context.robot.use
     return {e.name: e for e in every if not use or e.kind in use or e.name in use or e in context.robot.own}

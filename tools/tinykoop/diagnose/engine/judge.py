@@ -10,7 +10,21 @@ from .finder import ALIKE
 
 SAME = 6.0  # of cost, by which two explanations may differ and still be one class
 MOVES = 0.25  # of its size, by which a cause may move when generic pushes enter, and still be established
-ORDER = ("parameter", "gain", "bias", "lag", "delay", "saturation", "dead_band", "rate_limit", "backlash", "damping", "force", "sag", "cross")
+ORDER = (
+    "parameter",
+    "gain",
+    "bias",
+    "lag",
+    "delay",
+    "saturation",
+    "dead_band",
+    "rate_limit",
+    "backlash",
+    "damping",
+    "force",
+    "sag",
+    "cross",
+)
 
 
 @dataclass(frozen=True)
@@ -90,10 +104,14 @@ def judge(finder, fit):
         rest = finder.refine(finder.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3)
         gain = max(rest.cost - fit.cost, 0.0)
         count = len(cause.params)
-        established = not left.matters or (moved[at : at + count].max() < MOVES and gain > 0.2 * (finder.base.cost - finder.problem.degrees))
+        established = not left.matters or (
+            moved[at : at + count].max() < MOVES and gain > 0.2 * (finder.base.cost - finder.problem.degrees)
+        )
         at += count
         sure = float(stats.norm.cdf((gain / max(fit.cost / finder.problem.degrees, 1.0) - finder.price) / (2 * np.sqrt(finder.price))))
-        proofs.append(Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (1.0 if established else 0.5), others[i], bool(established)))
+        proofs.append(
+            Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (1.0 if established else 0.5), others[i], bool(established))
+        )
     return fit, proofs, left
 
 

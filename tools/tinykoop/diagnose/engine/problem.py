@@ -7,10 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...errors import UserError
 from . import effects as library
 from .rollouts import Rollouts
 
-FINER, LIMIT = 4, 4 / 3  # steps in the place of one, by which it is seen whether the simulator's own step of time is short enough; what is then missing, if its error goes with the step
+FINER, LIMIT = (
+    4,
+    4 / 3,
+)  # steps in the place of one, by which it is seen whether the simulator's own step of time is short enough; what is then missing, if its error goes with the step
 START = 1e3  # spreads of a measured state, by which its start may be off: it is free
 HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
 SETTLED, TURNS = 0.9, 3  # share of the misfit that another turn of starts must leave at most; turns
@@ -38,18 +42,32 @@ class Fit:
 
 
 class Problem:
-    def __init__(self, robot, log, rows, without=()):
+    def __init__(self, robot, log, rows, without=(), sigma=None):
         self.robot, self.log = robot, log
         self.rollouts = Rollouts(robot, log, rows)
         self.context = library.Context(robot, log)
-        self.sigma = _differences(log, robot)
+        self.sigma = self.noise_of(log, robot) if sigma is None else sigma
         self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
+        self._try()
         self.finer = 0.0  # share of what a shorter step of time would change, that counts as the simulator's
         self.linearise(())
         self.velocities = velocity_like(self.slopes, log.dt)
         found = library.library(self.context, self.velocities, self.rollouts.spread)
         self.everything = found
         self.effects = {name: effect for name, effect in found.items() if name not in without}
+
+    def _try(self):
+        """The simulator, once from measured states: finite, and the same when asked again."""
+        rollouts, action = self.rollouts, self.rollouts.idle()
+        u = self.log.u[rollouts.starts]
+        once, again = (rollouts.advance(rollouts.x0, u, action) for _ in range(2))
+        if not np.isfinite(once).all():
+            row = int(np.argmin(np.isfinite(once).all(1)))
+            raise UserError(f"the simulator of {self.robot.name} is not finite one step after row {rollouts.starts[row] + 1} of the log")
+        if not np.array_equal(once, again):
+            raise UserError(f"the simulator of {self.robot.name} gives another answer to the same question; take its random parts out")
+
+    noise_of = staticmethod(lambda log, robot: _differences(log, robot))
 
     # ---- simulation --------------------------------------------------------------------------------------
 

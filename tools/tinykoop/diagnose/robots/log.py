@@ -41,7 +41,11 @@ def read(path, robot):
     values = {}
     for signal in wanted:
         at = names.index(signal.column) if signal.column else None
-        cells = [_number(row[at], path, i + 2, signal.column) if at < len(row) else np.nan for i, row in enumerate(rows)] if signal.column else [np.nan] * len(rows)
+        cells = (
+            [_number(row[at], path, i + 2, signal.column) if at < len(row) else np.nan for i, row in enumerate(rows)]
+            if signal.column
+            else [np.nan] * len(rows)
+        )
         values[signal.name] = np.array(cells) * signal.scale
     return _log(path, robot, values)
 

@@ -77,7 +77,11 @@ def _gaps(table, states, path):
         for state in gap.get("states", []):
             if state not in states:
                 raise UserError(f"{path}: [report]: gap {gap.get('name')}: there is no state {state}; there are {', '.join(states)}")
-        found.append(Gap(_need(gap, "name", str, "[report] gap", path), gap.get("unit", "1"), tuple(_need(gap, "states", list, "[report] gap", path))))
+        found.append(
+            Gap(
+                _need(gap, "name", str, "[report] gap", path), gap.get("unit", "1"), tuple(_need(gap, "states", list, "[report] gap", path))
+            )
+        )
     return found
 
 
@@ -107,4 +111,15 @@ def read(path):
     own = tuple(python.load(place, path.parent) for place in effects.get("own", []))
     model = simulators.make(simulator, path.parent, (len(states), len(commands), len(parameters)))
     gaps = tuple(_gaps(table, [s.name for s in states], path)) or tuple(Gap(s.name, s.unit, (s.name,)) for s in states if s.column)
-    return Robot(_need(table, "name", str, "the file", path), time, states, commands, model, outputs, parameters, gaps, tuple(effects.get("use", ())), own)
+    return Robot(
+        _need(table, "name", str, "the file", path),
+        time,
+        states,
+        commands,
+        model,
+        outputs,
+        parameters,
+        gaps,
+        tuple(effects.get("use", ())),
+        own,
+    )

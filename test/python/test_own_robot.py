@@ -1,0 +1,287 @@
+"""A robot of one's own: its simulator and its log go in; the plant of these tests is another program than the simulator."""
+
+import csv
+import importlib.util
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tinykoop.diagnose import own
+from tinykoop.diagnose.engine.finder import Finder
+from tinykoop.diagnose.engine.problem import Cause, Problem
+from tinykoop.diagnose.report.html import html
+from tinykoop.diagnose.report.story import story
+from tinykoop.diagnose.robots import check, toml
+from tinykoop.diagnose.robots.log import read
+from tinykoop.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+CAR = ROOT / "examples/own_robot/car"
+TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
+
+
+def example():
+    """make_log.py of the example, as a module: the true car, which is not the simulator."""
+    spec = importlib.util.spec_from_file_location("make_log", CAR / "make_log.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def written(path, rows):
+    with open(path, "w", newline="") as file:
+        csv.writer(file).writerows([("t", "x", "y", "psi", "v_cmd", "delta"), *rows])
+    return path
+
+
+@pytest.fixture(scope="module")
+def car():
+    return toml.read(CAR / "car.toml")
+
+
+def log_of(car, folder, seed, lag=1e-9, rate=None):
+    """A log of the true car; rate: another law of motion."""
+    true = example()
+    true.LAG = lag
+    true.rate = rate or true.rate
+    return read(written(folder / "car.csv", true.drive(seed)), car)
+
+
+@pytest.fixture(scope="module")
+def healthy(car, tmp_path_factory):
+    return log_of(car, tmp_path_factory.mktemp("healthy"), 11)
+
+
+# ---- what is found -----------------------------------------------------------------------------------------
+
+
+def test_a_healthy_robot_is_recognised(car, healthy):
+    report = own.diagnose(healthy, car).report
+    assert report["verdict"] == "none" and not report["effects"]
+    assert report["gap"]["before"]["50"] < 1.1 * report["gap"]["noise_floor"]["50"]
+    assert report["passes"] <= 200
+
+
+def test_the_lag_of_the_example_is_found_and_closes_the_gap(car, tmp_path):
+    result = own.diagnose(log_of(car, tmp_path, 12, lag=0.12), car, fresh=log_of(car, tmp_path, 13, lag=0.12))
+    report = result.report
+    assert report["verdict"] == "known" and [e["name"] for e in report["effects"]] == ["lag:steering"]
+    assert abs(report["effects"][0]["params"]["tau"] - 0.12) < 0.006
+    assert report["gap"]["closed_fraction"]["50"] > 0.9 and report["fresh"]["gap"]["closed_fraction"]["50"] > 0.9
+    assert report["passes"] <= 200
+    page = html(story(result), report).decode()
+    assert "lag:steering" in page and page.count("<svg") >= 4
+
+
+def test_a_wrong_parameter_is_named_with_what_does_the_same(car, tmp_path):
+    def longer(pose, speed, steering):
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(steering) / 0.38
+
+    report = own.diagnose(log_of(car, tmp_path, 14, rate=longer), car).report
+    (effect,) = report["effects"]
+    assert effect["name"] == "parameter:wheelbase" and abs(effect["params"]["change"] - 0.05) < 0.004
+
+
+def test_what_no_effect_explains_is_unknown(car, tmp_path):
+    def understeers(pose, speed, steering):
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(steering) / 0.33 / (1 + 0.25 * speed**2)
+
+    report = own.diagnose(log_of(car, tmp_path, 15, rate=understeers), car).report
+    assert report["verdict"] in ("unknown", "partly") and report["unexplained"]["matters"]
+    assert not report["effects"] or max(e["confidence"] for e in report["effects"]) < 0.9
+
+
+# ---- the columns that cost no pass ------------------------------------------------------------------------
+
+
+def test_columns_are_what_simulation_gives(car, healthy):
+    """Each effect, a little of it, against runs with and without it."""
+    problem = Problem(car, healthy, 40)
+    base = problem.fit_of(())
+    for name, effect in problem.effects.items():
+        params = tuple(float(np.clip(0.1 * p.usual if not effect.threshold else 0.8 * p.usual, p.low, p.high)) for p in effect.parameters)
+        trial = (Cause(name, params),)
+        seen = base.left - problem.fit_of(trial).left
+        column = problem.columns([trial])[:, 0]
+        size = np.linalg.norm(seen)
+        assert np.linalg.norm(seen - column) < 0.15 * size + 1e-6, (name, np.linalg.norm(seen - column) / size)
+
+
+def test_zero_of_every_effect_changes_nothing(car, healthy):
+    problem = Problem(car, healthy, 40)
+    base = problem.fit_of(())
+    for name, effect in problem.effects.items():
+        if effect.kind in ("rate_limit", "saturation"):  # limits: nothing is what they do not reach
+            params = tuple(p.high for p in effect.parameters)
+        else:
+            params = (0.0,) * len(effect.parameters)
+        assert np.array_equal(problem.fit_of((Cause(name, params),)).left, base.left), name
+
+
+def test_starts_that_are_off_do_not_matter(car, healthy):
+    problem = Problem(car, healthy, 40)
+    problem.rollouts.x0 = problem.rollouts.x0 + [0.02, -0.03, 0.01]
+    problem.linearise(())
+    assert abs(problem.fit_of(()).cost - Problem(car, healthy, 40).fit_of(()).cost) < 0.02 * problem.degrees
+
+
+def test_an_extra_effect_must_pay(car, healthy):
+    finder = Finder(Problem(car, healthy, 40))
+    assert finder.run().causes == ()
+
+
+# ---- the check before a search ------------------------------------------------------------------------------
+
+MISTAKES = {
+    "time is in ms": lambda log: replace(log, t=log.t * 1e3, dt=log.dt * 1e3),
+    "yaw is in degrees": lambda log: states(log, lambda x: x * [1, 1, 180 / np.pi]),
+    "px is in millimetres": lambda log: states(log, lambda x: x * [1000, 1, 1]),
+    "yaw has the other sign": lambda log: states(log, lambda x: x * [1, 1, -1]),
+    "px has the other sign": lambda log: states(log, lambda x: x * [-1, 1, 1]),
+    "px and py are swapped": lambda log: states(log, lambda x: x[:, [1, 0, 2]]),
+    "steering has the other sign": lambda log: replace(log, u=log.u * [1, -1]),
+    "steering is in degrees": lambda log: replace(log, u=log.u * [1, 180 / np.pi]),
+    "speed and steering are swapped": lambda log: replace(log, u=log.u[:, ::-1].copy()),
+    "py never changes": lambda log: states(log, lambda x: x * [1, 0, 1]),
+    "commands stand one row too early": lambda log: replace(log, u=np.concatenate([log.u[1:], log.u[-1:]])),
+    "py does not answer the commands": lambda log: states(
+        log, lambda x: np.stack([x[:, 0], 0.005 * np.sin(37.0 * np.arange(len(x)) ** 1.5), x[:, 2]], 1)
+    ),
+}
+
+
+def states(log, change):
+    x = change(log.x)
+    return replace(log, x=x, y=x)
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_a_mistake_of_the_log_is_named(car, healthy, what):
+    found, _ = check.check(car, MISTAKES[what](healthy))
+    assert any(f.text.startswith(what) for f in found), [f.text for f in found]
+
+
+def test_a_right_log_is_let_through(car, healthy):
+    assert check.check(car, healthy)[0] == []
+
+
+def test_a_jump_by_a_turn_that_is_not_declared_is_named(car, healthy):
+    plain = replace(car, states=(*car.states[:2], replace(car.states[2], wraps=False)))
+    turned = states(healthy, lambda x: x.copy())
+    turned.x[:, 2] = np.linspace(0, 20, len(turned.x)) % (2 * np.pi)
+    assert any("wraps = true" in f.remedy for f in check.check(plain, turned)[0])
+
+
+# ---- files that cannot be used --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "old, new, said",
+    [
+        ('name = "car"', "name = ", "Invalid value"),
+        ('python = "car.py:step"', 'python = "car.py:stap"', "has no function stap"),
+        ('python = "car.py:step"', 'python = "nothing.py:step"', "there is no file"),
+        ('python = "car.py:step"', "", "exactly one of python, library"),
+        ("low = 0.2", "low = 0.9", "low < high"),
+        ('unit = "deg", wraps', 'unit = "deg", wrapped', "unknown key wrapped"),
+        ('states = ["yaw"]', 'states = ["pitch"]', "there is no state pitch"),
+        ("[report]", "[reports]", "unknown key reports"),
+        ('column = "psi"', "column = 3", "column must be a text"),
+        ('name = "steering"', 'name = "speed"', "two signals are called speed"),
+    ],
+)
+def test_a_robot_s_file_that_is_wrong_gets_one_line(tmp_path, old, new, said):
+    text = (CAR / "car.toml").read_text()
+    assert old in text
+    (tmp_path / "car.toml").write_text(text.replace(old, new))
+    (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
+    with pytest.raises(UserError, match=said):
+        toml.read(tmp_path / "car.toml")
+
+
+@pytest.mark.parametrize(
+    "body, said",
+    [
+        ("raise ValueError('no')", "raises ValueError: no"),
+        ("return x[:, :2]", r"returns shape \(\d+, 2\)"),
+        ("return np.full_like(x, np.nan)", "not finite"),
+        ("return x + np.random.normal(size=x.shape)", "another answer"),
+    ],
+)
+def test_a_simulator_that_misbehaves_gets_one_line(tmp_path, healthy, body, said):
+    (tmp_path / "car.toml").write_text((CAR / "car.toml").read_text())
+    (tmp_path / "car.py").write_text(f"import numpy as np\n\n\ndef step(x, u, dt, params):\n    {body}\n")
+    with pytest.raises(UserError, match=said):
+        own.diagnose(healthy, toml.read(tmp_path / "car.toml"))
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("t,x,y,psi,v_cmd\n0,0,0,0,0\n", "has no column delta"),
+        ("t,x,y,psi,v_cmd,delta\n", "has no rows"),
+        ("t,x,y,psi,v_cmd,delta\n0,0,0,0,0,0\n0.1,0,zero,0,0,0\n", ":3: y: zero is no number"),
+        ("t,x,y,psi,v_cmd,delta\n0,0,0,0,0,0\n0,0,0,0,0,0\n", ":3: time must"),
+    ],
+)
+def test_a_log_that_is_wrong_gets_one_line(car, tmp_path, text, said):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(UserError, match=said):
+        read(tmp_path / "log.csv", car)
+
+
+# ---- simulators -------------------------------------------------------------------------------------------------
+
+C = """
+#include <math.h>
+int step(const double *x, const double *u, double dt, const double *params, double *next) {
+	next[0] = x[0] + dt * u[0] * cos(x[2]);
+	next[1] = x[1] + dt * u[0] * sin(x[2]);
+	next[2] = x[2] + dt * u[0] * tan(u[1]) / params[0];
+	return 0;
+}
+"""
+
+
+def test_a_c_function_is_the_same_simulator(car, tmp_path):
+    (tmp_path / "car.c").write_text(C)
+    subprocess.run(["gcc", "-O1", "-shared", "-fPIC", "car.c", "-o", "car.so", "-lm"], cwd=tmp_path, check=True)
+    (tmp_path / "car.toml").write_text((CAR / "car.toml").read_text().replace('python = "car.py:step"', 'library = "car.so:step"'))
+    rng = np.random.default_rng(3)
+    x, u = rng.normal(size=(40, 3)), rng.uniform(-0.5, 0.5, (40, 2))
+    other = toml.read(tmp_path / "car.toml").simulator
+    np.testing.assert_allclose(other.step(x, u, 0.02, [0.33]), car.simulator.step(x, u, 0.02, [0.33]), rtol=1e-12)
+
+
+# ---- as a newcomer does it ----------------------------------------------------------------------------------------
+
+
+def test_a_newcomer_s_path(tmp_path):
+    """`robot new`, a log, `robot check`, `diagnose`: four commands and no edit."""
+
+    def tinykoop(*arguments):
+        return subprocess.run([*TINYKOOP, *arguments], cwd=tmp_path, capture_output=True, text=True)
+
+    assert tinykoop("robot", "new", "bot").returncode == 0
+    rng = np.random.default_rng(5)
+    pose, rows = np.array([0.0, 0.0, 0.1]), []
+    for k in range(800):
+        if k % 20 == 0:
+            speed, turn = rng.uniform(0.2, 1.0), rng.uniform(-1, 1)
+        seen = pose + rng.normal(0, (0.003, 0.003, 0.002))
+        rows.append([0.02 * k, seen[0], seen[1], (seen[2] + np.pi) % (2 * np.pi) - np.pi, speed, turn])
+        pose = pose + 0.02 * np.array([1.1 * speed * np.cos(pose[2]), 1.1 * speed * np.sin(pose[2]), turn])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,x,y,yaw,v_cmd,w_cmd", comments="")
+    assert tinykoop("robot", "check", "bot.toml", "log.csv").returncode == 0
+    done = tinykoop("diagnose", "log.csv", "--robot", "bot.toml", "--out", "out")
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out/report.json").read_text())
+    assert report["verdict"] == "known" and [e["name"] for e in report["effects"]] == ["gain:speed"]
+    assert abs(report["effects"][0]["params"]["a"] - 0.1) < 0.005
+    again = tinykoop("robot", "new", "bot")
+    assert again.returncode == 2 and "is there already" in again.stderr
+    assert "gain:speed" in tinykoop("effects", "--robot", "bot.toml").stdout

@@ -1,0 +1,265 @@
+"""Whether a log can be what a robot's file says: units, signs, wrapping, order and timing of its columns.
+
+Each thing that is often wrong is undone on some windows of the log. Where the simulator then follows it much better, that is
+said, with what to write instead.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import UserError
+from ...results import print_table
+from ..engine import ahead, judge
+from ..engine.finder import ALIKE, Finder
+from ..engine.problem import Problem
+from ..report.story import size_of
+from ..words import say
+from . import toml
+from .log import read
+
+ROWS, WINDOWS = 8, 40  # of the log, that are looked at
+BETTER = 5.0  # times smaller a misfit, from which on a mistake is named
+MOST_ROWS = 50  # of a window
+TURN = 2 * np.pi
+NOTABLE, NEAR = 0.05, 1.5  # of the noise: a gain by shifted rows that is said, and what it must come down to
+ANSWERS = 0.2  # correlation, below which a state does not do what it is asked
+JITTER = 0.2  # of the usual step, by which single steps may differ
+
+
+@dataclass(frozen=True)
+class Finding:
+    """`wrong`: cannot be right, so nothing is diagnosed with it."""
+
+    text: str
+    remedy: str
+    wrong: bool = True
+
+
+def _part(log):
+    """The log, with transitions usable only in windows that are evenly spread over it."""
+    K = len(log.t)
+    usable = np.zeros(K - 1, bool)
+    for start in np.linspace(0, K - 1 - ROWS, min(WINDOWS, (K - 1) // ROWS)).astype(int):
+        usable[start : start + ROWS] = log.usable[start : start + ROWS]
+    return replace(log, usable=usable)
+
+
+def misfit(robot, log, sigma=None):
+    """Mean square of what the simulator misses of a part of the log, over the noise of the log; infinite where it runs away."""
+    with np.errstate(all="ignore"):
+        try:
+            problem = Problem(robot, _part(log), ROWS, sigma=sigma)
+        except np.linalg.LinAlgError:
+            return np.inf
+        cost = float((problem.whiten(problem.rollouts.missed(problem.Y)) ** 2).sum())
+    return cost / max(problem.degrees, 1) if np.isfinite(cost) else np.inf
+
+
+def _state(log, robot, i, change):
+    """The log with state i changed, in the states and in the channels."""
+    x, y = log.x.copy(), log.y.copy()
+    x[:, i] = change(x[:, i])
+    y[:, robot.measured.index(i)] = x[:, i]
+    return replace(log, x=x, y=y)
+
+
+def _swapped(log, robot, i, j):
+    x, y = log.x.copy(), log.y.copy()
+    x[:, [i, j]] = x[:, [j, i]]
+    at = [robot.measured.index(k) for k in (i, j)]
+    y[:, at] = y[:, at[::-1]]
+    return replace(log, x=x, y=y)
+
+
+def _command(log, change):
+    return replace(log, u=change(log.u.copy()))
+
+
+def _scaled(u, j, factor):
+    u[:, j] *= factor
+    return u
+
+
+def _shifted(u, rows):
+    return np.concatenate([np.repeat(u[:1], rows, 0), u[:-rows]]) if rows > 0 else np.concatenate([u[-rows:], np.repeat(u[-1:], -rows, 0)])
+
+
+def mistakes(robot, log):
+    """(what is wrong, remedy, the log without it) of all that is often wrong."""
+    for factor, unit in ((1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (60.0, "min")):
+        yield (
+            f"time is in {unit}",
+            f'time = {{column = "{robot.time.column}", unit = "{unit}"}}',
+            replace(log, t=log.t * factor, dt=log.dt * factor),
+        )
+    for i in robot.measured:
+        s = robot.states[i]
+        if s.unit == "rad":
+            yield f"{s.name} is in degrees", f'{s.name}: unit = "deg"', _state(log, robot, i, np.radians)
+            yield f"{s.name} is in radians already", f'{s.name}: unit = "rad"', _state(log, robot, i, np.degrees)
+        if s.unit == "m":
+            yield f"{s.name} is in millimetres", f'{s.name}: unit = "mm"', _state(log, robot, i, lambda v: v * 1e-3)
+        yield f"{s.name} has the other sign", f"turn the sign of column {s.column}", _state(log, robot, i, np.negative)
+        for j in robot.measured:
+            if i < j and robot.states[j].unit == s.unit:
+                yield (
+                    f"{s.name} and {robot.states[j].name} are swapped",
+                    f"swap the columns {s.column} and {robot.states[j].column}",
+                    _swapped(log, robot, i, j),
+                )
+    for j, c in enumerate(robot.commands):
+        yield f"{c.name} has the other sign", f"turn the sign of column {c.column}", _command(log, lambda u, j=j: _scaled(u, j, -1.0))
+        if c.unit in ("rad", "rad/s"):
+            yield (
+                f"{c.name} is in degrees",
+                f'{c.name}: unit = "{"deg" if c.unit == "rad" else "deg/s"}"',
+                _command(log, lambda u, j=j: _scaled(u, j, np.pi / 180)),
+            )
+        for i in range(j):
+            other = robot.commands[i]
+            yield (
+                f"{other.name} and {c.name} are swapped",
+                f"swap the columns {other.column} and {c.column}",
+                _command(log, lambda u, i=i, j=j: _swap(u, i, j)),
+            )
+
+
+def _swap(u, i, j):
+    u[:, [i, j]] = u[:, [j, i]]
+    return u
+
+
+def _late(robot, log, rows):
+    """Whether the commands fit better one row earlier or later, down to the noise."""
+    cost = {}
+    for shift in (0, 1, -1):
+        problem = Problem(robot, _command(log, lambda u, shift=shift: _shifted(u, shift) if shift else u), rows)
+        cost[shift] = float((problem.whiten(problem.rollouts.missed(problem.Y)) ** 2).sum())
+    degrees, best = problem.degrees, min(cost, key=cost.get)
+    if best and cost[0] - cost[best] > max(NOTABLE * degrees, 0.5 * (cost[0] - degrees)) and cost[best] < NEAR * degrees:
+        when, way = ("early: each acts from the next row on", "down") if best > 0 else ("late: each has acted before", "up")
+        yield Finding(
+            f"commands stand one row too {when}", f"shift the command columns {way} by one row, unless the robot is that slow", False
+        )
+
+
+def _deaf(robot, log, rows):
+    """States that do not move as the commands ask."""
+    problem = Problem(robot, log, rows)
+    missed = problem.rollouts.missed(problem.Y)
+    for c, i in enumerate(robot.measured):
+        asked = problem.X[:, -1, i] - problem.X[:, 0, i]
+        seen = asked + missed[:, -1, c] - missed[:, 0, c]
+        good = np.isfinite(seen) & np.isfinite(asked)
+        if (
+            good.sum() > 8
+            and np.median(np.abs(asked[good])) > 5 * problem.sigma[c]
+            and abs(np.corrcoef(asked[good], seen[good])[0, 1]) < ANSWERS
+        ):
+            yield Finding(
+                f"{robot.states[i].name} does not answer the commands as the simulator says",
+                f"check column {robot.states[i].column}, its rows against those of the commands, and the simulator",
+            )
+
+
+def _wrapping(robot, log):
+    for i in robot.measured:
+        signal, steps = robot.states[i], np.abs(np.diff(log.x[:, i]))
+        steps = steps[np.isfinite(steps)]
+        jumps = np.abs(steps - TURN) < 0.1 * TURN
+        if signal.unit == "rad" and not signal.wraps and jumps.any() and np.median(steps) < 0.1 * TURN:
+            yield Finding(f"{signal.name} jumps by a turn between rows", f"{signal.name}: wraps = true")
+        if signal.wraps and signal.unit != "rad":
+            yield Finding(f"{signal.name} wraps, but its unit is {signal.unit}", f'{signal.name}: unit = "rad" or "deg"')
+
+
+def _dead(robot, log):
+    for i in robot.measured:
+        if not np.nanmax(log.x[:, i]) > np.nanmin(log.x[:, i]):
+            yield Finding(
+                f"{robot.states[i].name} never changes",
+                f"check column {robot.states[i].column}: record a run in which the robot moves",
+                False,
+            )
+    for j, c in enumerate(robot.commands):
+        if not np.ptp(log.u[:, j]) > 0:
+            yield Finding(f"{c.name} never changes", "nothing can be said of its effects; record a run in which it does", False)
+
+
+def _sampling(log):
+    steps = np.diff(log.t)
+    if np.std(steps[np.abs(steps / log.dt - 1) < 0.5]) > JITTER * log.dt:
+        yield Finding(f"rows come at unequal times (usual step {log.dt:.4g} s)", "resample the log to equal steps", False)
+
+
+def check(robot, log):
+    """(Findings, misfit): what cannot be right, or looks wrong."""
+    found = [*_wrapping(robot, log), *_dead(robot, log), *_sampling(log)]
+    if any(f.text.endswith("never changes") for f in found):
+        return found, float("nan")
+    sigma = Problem.noise_of(log, robot)
+    base, better = misfit(robot, log, sigma), []
+    for text, remedy, mended in mistakes(robot, log):
+        own = Problem.noise_of(mended, robot)
+        size = misfit(robot, mended, own) * (1.0 if "swapped" in text else float(np.mean(own**2 / sigma**2)))
+        if size * BETTER < base:
+            better.append((size, Finding(text, remedy)))
+    if better:
+        return [*found, min(better, key=lambda item: item[0])[1]], base
+    rows = longest_run(log.usable, MOST_ROWS)
+    return [*found, *_deaf(robot, log, rows), *_late(robot, log, rows)], base
+
+
+def longest_run(usable, most):
+    """Usable transitions in a row, at most `most`."""
+    run, longest = 0, 0
+    for good in usable:
+        run = run + 1 if good else 0
+        longest = max(longest, run)
+    return min(most, longest)
+
+
+def run(robot_file, log_file):
+    """Prints what looks wrong, how far the simulator is off, and which effects this log cannot tell apart; 2 where it cannot be right."""
+    robot = toml.read(robot_file)
+    log = read(log_file, robot)
+    found, size = check(robot, log)
+    say(f"{robot.name}: {len(log.t)} rows, {log.t[-1] - log.t[0]:.4g} s at {1 / log.dt:.4g} Hz", "bold")
+    for finding in found:
+        say(f"  {'WRONG' if finding.wrong else 'look'}: {finding.text}. {finding.remedy}")
+    if any(f.wrong for f in found):
+        raise UserError(f"{log_file}: cannot be a log of {robot.name} as {robot_file} has it")
+    problem = Problem(robot, log, longest_run(log.usable, MOST_ROWS))
+    looked = ahead.Ahead(problem)
+    errors, floor = looked.errors(()), looked.floor()
+    rows = [(g.name, *(size_of(g.unit)(v) for v in ahead.rms(errors[g.name])), size_of(g.unit)(floor[g.name][-1])) for g in robot.gaps]
+    print_table("The simulator as it is", ("gap", *(f"{h} ahead" for h in looked.horizons), "noise"), rows)
+    classes = alike(problem)
+    if classes:
+        say("On this log these are the same:", "bold")
+        for names in classes:
+            say(f"  {', '.join(names)}")
+
+
+def alike(problem):
+    """[names of effects whose columns are the same], from the preferred name on."""
+    finder = Finder(problem)
+    candidates = {c.name: c.column for c in finder.candidates(finder.base)}
+    names = [n for n, column in candidates.items() if np.linalg.norm(column) > 1]
+    unit = np.stack([candidates[n] / np.linalg.norm(candidates[n]) for n in names], 1) if names else np.zeros((1, 0))
+    close, out, left = np.abs(unit.T @ unit) > ALIKE, [], set(range(len(names)))
+    while left:
+        i = min(left)
+        group = [j for j in left if close[i, j]]
+        left -= set(group)
+        if len(group) > 1:
+            out.append(sorted((names[j] for j in group), key=judge.preference))
+    return out
+
+
+def refuse(robot, log, path, robot_file):
+    """Raises where the log cannot be what the robot's file says."""
+    wrong = [f for f in check(robot, log)[0] if f.wrong]
+    if wrong:
+        raise UserError(f"{path}: it looks as if {wrong[0].text}; in {robot_file}: {wrong[0].remedy} (tinykoop robot check tells more)")

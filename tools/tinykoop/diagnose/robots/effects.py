@@ -1,0 +1,55 @@
+"""The table of effects that a robot may have."""
+
+import numpy as np
+
+from ... import sim
+from ...errors import UserError
+from ...results import number, print_table
+from ..engine import effects
+from ..engine.problem import Problem
+from ..platform import PLATFORMS
+from ..robot import RobotLog
+from . import toml
+from .log import read
+
+ROWS = 20
+HEADERS = ("effect", "at", "parameter", "unit", "from", "to", "usual")
+
+
+def _bound(value):
+    return number(float(value)) if abs(value) < effects.WHOLE else "any"
+
+
+def _of_c(platform):
+    """Rows of a robot that comes with TinyKoop: [(name, block, parameters)]."""
+    return [(name, block, [tuple(p) for p in rows], "") for name, (block, rows) in sim.effects(platform).items()]
+
+
+def _unit_log(robot):
+    """A log in which every signal reaches from -1 to 1, for sizes relative to that."""
+    t = np.arange(200) * 0.01
+    wave = np.sin(np.linspace(0, 4 * np.pi, 200))
+    many = lambda count: np.tile(wave[:, None], count)  # noqa: E731
+    return RobotLog(t, many(len(robot.states)), many(len(robot.commands)), many(len(robot.channels)), np.ones(199, bool), 0.01)
+
+
+def _of_own(robot, log):
+    shown = log if log is not None else _unit_log(robot)
+    found = Problem(robot, shown, ROWS).everything
+    return [(e.name, e.block, [(p.name, p.unit, p.low, p.high, p.usual) for p in e.parameters], e.formula) for e in found.values()]
+
+
+def run(robot, log_file=None):
+    """Prints the table."""
+    own = robot.endswith(".toml")
+    if not own and robot not in (*PLATFORMS, "fwmav"):
+        raise UserError(f"--robot {robot}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
+    found = toml.read(robot) if own else None
+    rows, note = [], ""
+    for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot):
+        for i, (parameter, unit, low, high, usual) in enumerate(parameters):
+            first = (name, block) if i == 0 else ("", "")
+            rows.append((*first, parameter, unit, _bound(low), _bound(high), number(float(usual))))
+    if own and not log_file:
+        note = "Sizes are those for signals that reach from -1 to 1, every 0.01 s; with --log LOG.csv they are those of your log."
+    print_table(f"Effects of {found.name if own else robot}", HEADERS, rows, note)

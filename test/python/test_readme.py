@@ -80,12 +80,16 @@ def test_make_targets_exist(readme):
 
 
 def test_robot_of_ones_own(tmp_path):
-    """docs/diagnose.md: a car whose steering turns too little, by another nominal model."""
-    (snippet,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/diagnose.md").read_text(), re.S)
-    source = tmp_path / "bicycle.py"
-    source.write_text(snippet)
-    done = subprocess.run([sys.executable, source], capture_output=True, text=True, check=True)
-    assert re.match(r"known \[\('yaw_gain', \{'b': -0\.(19|20)", done.stdout), done.stdout
+    """docs/own-robot.md: the example says what the page says."""
+    page = (ROOT / "docs/own-robot.md").read_text()
+    name, size = re.search(r"The answer is `(\S+)`, ([\d.]+) s\.", page).groups()
+    car = ROOT / "examples/own_robot/car"
+    subprocess.run([sys.executable, car / "make_log.py", tmp_path / "car.csv"], check=True)
+    own = [sys.executable, "-m", "tinykoop.cli", "diagnose", tmp_path / "car.csv", "--robot", car / "car.toml", "--out", tmp_path]
+    subprocess.run(own, check=True, capture_output=True)
+    report = json.loads((tmp_path / "report.json").read_text())
+    (effect,) = report["effects"]
+    assert effect["name"] == name and abs(effect["params"]["tau"] - float(size)) < 0.005
 
 
 def test_assurance_names_files_that_exist():

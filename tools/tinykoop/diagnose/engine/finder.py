@@ -46,7 +46,7 @@ class Finder:
                 trials.append((*fit.causes, Cause(name, params)))
                 about.append((name, params))
         columns = problem.columns(trials) if trials else np.zeros((len(fit.left), 0))
-        beside = problem.columns([fit.causes])[:, :1] if fit.causes else 0.0
+        beside = problem.columns([fit.causes])[:, :1]
         return [Candidate(name, params, column) for (name, params), column in zip(about, (columns - beside).T)]
 
     def ranked(self, fit, found):

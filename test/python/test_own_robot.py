@@ -209,6 +209,7 @@ def test_a_robot_s_file_that_is_wrong_gets_one_line(tmp_path, old, new, said):
         ("raise ValueError('no')", "raises ValueError: no"),
         ("return x[:, :2]", r"returns shape \(\d+, 2\)"),
         ("return np.full_like(x, np.nan)", "not finite"),
+        ("return x * 1e6", "runs away from the log"),
         ("return x + np.random.normal(size=x.shape)", "another answer"),
     ],
 )

@@ -32,11 +32,6 @@ class Diagnosis:
     after: dict
 
 
-def rows_of(log):
-    """Rows of a window: the longest horizon that is reported, or as many as the log has in a row."""
-    return check.longest_run(log.usable, check.MOST_ROWS)
-
-
 def _intervals(finder, fit):
     """95 % intervals (p, 2) in usual sizes."""
     if not fit.causes:
@@ -122,7 +117,7 @@ def _hidden(problem, finder, fit):
 
 def diagnose(log, robot, fresh=None, without=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted."""
-    problem = Problem(robot, log, rows_of(log), without)
+    problem = Problem.of(robot, log, without)
     for name in without:
         if name not in problem.everything:
             raise UserError(f"--without {name}: there is no such effect; there are {', '.join(problem.everything)}")
@@ -147,9 +142,15 @@ def diagnose(log, robot, fresh=None, without=()):
         "gap": next(iter(gaps.values())),
         "gaps": gaps,
         "not_testable": _hidden(problem, finder, fit),
-        "unexplained": {"share": left.share, "times_noise": left.times, "matters": left.matters, "depends_on": [{"on": a, "acts_on": b} for a, b in left.on] if left.matters else []},
+        "unexplained": {
+            "share": left.share,
+            "times_noise": left.times,
+            "matters": left.matters,
+            "depends_on": [{"on": a, "acts_on": b} for a, b in left.on if left.matters],
+        },
         "noise": {"sensor": {c.name: {"sd": float(s), "unit": c.unit} for c, s in zip(robot.channels, problem.sigma)}},
         "time_step": {"matters": bool(problem.finer), "share": problem.finer},
+        "window": {"rows": problem.rollouts.rows, "seconds": problem.rollouts.rows * log.dt},
         "passes": round(problem.rollouts.passes),
         "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": float(log.t[-1] - log.t[0])},
     }  # fmt: skip
@@ -161,7 +162,7 @@ def diagnose(log, robot, fresh=None, without=()):
 
 def _add_fresh(result, robot, fresh, fit):
     """The same causes on another log: only its starts are looked for there."""
-    other = Problem(robot, fresh, rows_of(fresh))
+    other = Problem.of(robot, fresh)
     other.sigma = result.problem.sigma
     other.linearise(fit.causes)
     looked = ahead.Ahead(other)

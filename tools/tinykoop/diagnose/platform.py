@@ -1,7 +1,6 @@
 """What the diagnoser must know of a robot: its nominal model, the effects that may act on it, drives to advise.
 
-Everything else in this package works on poses and on what a Platform predicts. A robot of one's
-own is a subclass: docs/diagnose.md shows one.
+What comes with TinyKoop is described here; a robot of one's own is a file: docs/own-robot.md.
 """
 
 from dataclasses import dataclass
@@ -9,17 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import sim
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect: refused outside low..high; `usual` is that of a robot that has the effect."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    usual: float
+from .robot import Parameter
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
 """What the diagnoser is told of a user's robot: which columns its log has, and what simulates it.
 
-A robot is data; what it does is left to its simulator. Nothing else in this package knows a robot by name.
+A robot is data; what it does is left to its simulator.
 """
 
 from dataclasses import dataclass, field
-from typing import Callable, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -110,6 +110,3 @@ class RobotLog:
     y: np.ndarray  # (K, c) channels
     usable: np.ndarray  # (K - 1,) transitions
     dt: float
-
-
-Act = Callable

@@ -9,12 +9,12 @@ import numpy as np
 
 from ...errors import UserError
 from . import effects as library
-from .rollouts import Rollouts
+from .rollouts import FEWEST, Rollouts, RunsAway, longest_run
 
-FINER, LIMIT = (
-    4,
-    4 / 3,
-)  # steps in the place of one, by which it is seen whether the simulator's own step of time is short enough; what is then missing, if its error goes with the step
+# Steps in the place of one, by which it is seen whether the simulator's own are short enough; and what that then takes, if its
+# error goes with the step.
+FINER, LIMIT = 4, 4 / 3
+ROWS = 50  # of a window: the longest horizon that is reported
 START = 1e3  # spreads of a measured state, by which its start may be off: it is free
 HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
 SETTLED, TURNS = 0.9, 3  # share of the misfit that another turn of starts must leave at most; turns
@@ -56,6 +56,18 @@ class Problem:
         self.everything = found
         self.effects = {name: effect for name, effect in found.items() if name not in without}
 
+    @classmethod
+    def of(cls, robot, log, without=()):
+        """In windows as long as the simulator stays near the log, ROWS at most."""
+        rows = min(ROWS, longest_run(log.usable))
+        while True:
+            try:
+                return cls(robot, log, rows, without)
+            except RunsAway:
+                if rows < 2 * FEWEST:
+                    raise
+                rows //= 2
+
     def _try(self):
         """The simulator, once from measured states: finite, and the same when asked again."""
         rollouts, action = self.rollouts, self.rollouts.idle()
@@ -82,7 +94,10 @@ class Problem:
         """Slopes along the windows with `causes`, from starts that are settled on the way."""
         self.at, before = self.action(causes) if causes else self.rollouts.idle(), np.inf
         for _ in range(TURNS + 1):
-            self.X, self.Y = self.rollouts.run(self.at)
+            with np.errstate(all="ignore"):
+                self.X, self.Y = self.rollouts.run(self.at)
+            if not self.rollouts.stays(self.X):
+                raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within {self.rollouts.rows} rows")
             self._step_finer()
             self.slopes = self.rollouts.slopes(self.X, self.at)
             self._eliminate()

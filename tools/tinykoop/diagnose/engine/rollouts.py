@@ -4,9 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import UserError
+
 FEWEST = 8  # rows of a window
 STEP = 1e-4  # of a signal's spread, by which slopes are taken
-DIVERGED = 1e6  # spreads of a signal, beyond which a run has left the log
+AWAY = 1e3  # spreads of a signal, beyond which a run has left the log
+
+
+class RunsAway(UserError):
+    """The simulator does not stay near the log for a whole window."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,15 @@ def cut(usable, rows):
             starts.append(k + 1 - rows)
             run = 0
     return np.array(starts, int)
+
+
+def longest_run(usable):
+    """Usable transitions in a row."""
+    run, longest = 0, 0
+    for good in usable:
+        run = run + 1 if good else 0
+        longest = max(longest, run)
+    return longest
 
 
 class Rollouts:
@@ -70,6 +85,10 @@ class Rollouts:
         for k in range(self.rows):
             X[:, k + 1] = self.advance(X[:, k], U[:, k], action)
         return X, self.sense(X, action)
+
+    def stays(self, X):
+        """Whether runs X (W, H + 1, n) stay in the reach of the log."""
+        return bool((np.abs(X - self.x0[:, None]) < AWAY * self.spread.x).all())
 
     def sense(self, X, action):
         Y = self.robot.sense(X, action.u[self.index])

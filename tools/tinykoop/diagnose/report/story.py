@@ -93,6 +93,11 @@ def asides(report):
 GAP_HEADERS = ("steps ahead", "before", "after", "noise floor", "closed", "95 % interval")
 
 
+def spread(low, high):
+    """94 to 100 %; a dash where there is no percentage."""
+    return f"{words.hundredths(low)} to {words.hundredths(high)} %" if np.isfinite(words.real(low)) else "-"
+
+
 def gap_rows(gap):
     size, rows = size_of(gap["unit"]), []
     for key in gap["before"]:
@@ -102,7 +107,7 @@ def gap_rows(gap):
                 key,
                 *(size(gap[part][key]) for part in ("before", "after", "noise_floor")),
                 words.percent(gap["closed_fraction"][key]),
-                f"{words.hundredths(low)} to {words.hundredths(high)} %",
+                spread(low, high),
             )
         )
     return rows
@@ -166,7 +171,8 @@ def _where(result):
     if report["verdict"] == "none":
         return Section("Where and when", ("There is no gap to locate: what is left is noise.",), figures=(series_figure(result),))
     said = [
-        f"At {r['variable']} of {words.quantity(r['from'], '1')} to {words.quantity(r['to'], r['unit'])} it is {r['times_average']:.1f} times the average."
+        f"At {r['variable']} of {words.quantity(r['from'], '1')} to {words.quantity(r['to'], r['unit'])}"
+        f" it is {r['times_average']:.1f} times the average."
         for r in report["where"]["regions"]
     ]
     shares = report["where"]["channels"]
@@ -195,8 +201,9 @@ def _much(report):
         drawn.append(gap_figure(name, gap))
     for name, gap in report.get("fresh", {}).get("gaps", {}).items():
         tables.append((f"Gap on the fresh log, nothing fitted again: {name}", GAP_HEADERS, gap_rows(gap)))
-    note = "RMS errors of predictions from measured states, by sizes fitted on the other half of the log. Closed: share of the gap above the noise floor that is gone."
-    return Section("How much", (note,), tuple(tables), tuple(drawn))
+    note = "RMS errors of predictions from measured states, by sizes fitted on the other half of the log."
+    closed = "Closed: share of the gap above the noise floor that is gone."
+    return Section("How much", (note, closed), tuple(tables), tuple(drawn))
 
 
 def _open(report):
@@ -209,12 +216,17 @@ def _open(report):
 def _measured(report):
     log, noise = report["log"], report["noise"]["sensor"]
     said = [
-        f"{log['rows']} rows, {words.seconds(log['seconds'])} at {words.plain(1 / log['dt'], 3)} Hz; {words.percent(log['usable'])} of the transitions are usable."
+        f"{log['rows']} rows, {words.seconds(log['seconds'])} at {words.plain(1 / log['dt'], 3)} Hz;"
+        f" {words.percent(log['usable'])} of the transitions are usable."
     ]
     said.append(
         "Noise (one standard deviation): " + words.listed(f"{name} {size_of(n['unit'])(n['sd'])}" for name, n in noise.items()) + "."
     )
-    said.append(f"The simulator went over the log {report['passes']} times.")
+    window = report["window"]
+    said.append(
+        f"It was followed in windows of {window['rows']} rows ({words.seconds(window['seconds'])});"
+        f" the simulator went over it {report['passes']} times."
+    )
     return Section("The log and its noise", tuple(said))
 
 

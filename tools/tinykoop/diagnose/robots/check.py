@@ -13,6 +13,7 @@ from ...results import print_table
 from ..engine import ahead, judge
 from ..engine.finder import ALIKE, Finder
 from ..engine.problem import Problem
+from ..engine.rollouts import RunsAway
 from ..report.story import size_of
 from ..words import say
 from . import toml
@@ -20,7 +21,6 @@ from .log import read
 
 ROWS, WINDOWS = 8, 40  # of the log, that are looked at
 BETTER = 5.0  # times smaller a misfit, from which on a mistake is named
-MOST_ROWS = 50  # of a window
 TURN = 2 * np.pi
 NOTABLE, NEAR = 0.05, 1.5  # of the noise: a gain by shifted rows that is said, and what it must come down to
 ANSWERS = 0.2  # correlation, below which a state does not do what it is asked
@@ -50,7 +50,7 @@ def misfit(robot, log, sigma=None):
     with np.errstate(all="ignore"):
         try:
             problem = Problem(robot, _part(log), ROWS, sigma=sigma)
-        except np.linalg.LinAlgError:
+        except RunsAway:
             return np.inf
         cost = float((problem.whiten(problem.rollouts.missed(problem.Y)) ** 2).sum())
     return cost / max(problem.degrees, 1) if np.isfinite(cost) else np.inf
@@ -207,17 +207,8 @@ def check(robot, log):
             better.append((size, Finding(text, remedy)))
     if better:
         return [*found, min(better, key=lambda item: item[0])[1]], base
-    rows = longest_run(log.usable, MOST_ROWS)
+    rows = Problem.of(robot, log).rollouts.rows
     return [*found, *_deaf(robot, log, rows), *_late(robot, log, rows)], base
-
-
-def longest_run(usable, most):
-    """Usable transitions in a row, at most `most`."""
-    run, longest = 0, 0
-    for good in usable:
-        run = run + 1 if good else 0
-        longest = max(longest, run)
-    return min(most, longest)
 
 
 def run(robot_file, log_file):
@@ -230,7 +221,7 @@ def run(robot_file, log_file):
         say(f"  {'WRONG' if finding.wrong else 'look'}: {finding.text}. {finding.remedy}")
     if any(f.wrong for f in found):
         raise UserError(f"{log_file}: cannot be a log of {robot.name} as {robot_file} has it")
-    problem = Problem(robot, log, longest_run(log.usable, MOST_ROWS))
+    problem = Problem.of(robot, log)
     looked = ahead.Ahead(problem)
     errors, floor = looked.errors(()), looked.floor()
     rows = [(g.name, *(size_of(g.unit)(v) for v in ahead.rms(errors[g.name])), size_of(g.unit)(floor[g.name][-1])) for g in robot.gaps]

@@ -220,10 +220,12 @@ def test_survivors_with_an_argument_are_equivalent():
     assert mutants.with_reasons([(mutant, "survived")], {}) == [(mutant, "survived")]
 
 
-def test_an_argument_that_a_test_disproves_is_refused():
+def test_an_argument_that_a_test_disproves_is_named():
     mutant = first_mutant()
-    with pytest.raises(UserError, match="a test kills this"):
-        mutants.with_reasons([(mutant, "killed")], {mutants.key(mutant): "why"})
+    tried, reasons = [(mutant, "killed")], {mutants.key(mutant): "why"}
+    assert mutants.disproved(tried, reasons) == [mutants.key(mutant)]
+    assert mutants.with_reasons(tried, reasons) == tried
+    assert mutants.disproved([(mutant, "survived")], reasons) == [] == mutants.disproved(tried, {})
 
 
 # ---- the command ---------------------------------------------------------------------------------------------

@@ -486,7 +486,7 @@ static void test_what_cannot_be_mended_changes_trust_alone(void) {
 	KOOP(health) health;
 	CHECK_STATUS(KOOP_E_MEMORY, KOOP(gate_update)(&gate, &e.rls, zeta, zeta + 3, psi_next, &health));
 	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, KOOP(gate_trust)(&gate));
-	TEST_ASSERT_TRUE(!(health.innovation > 0 || health.innovation < 0) && !health.gated);
+	TEST_ASSERT_TRUE(health.innovation <= 0 && health.innovation >= 0 && !health.gated);
 	twin.trust = twin.worst = KOOP_REFUSE;
 	check_all();
 	check_means(before.recent, twin.recent, "recent");

@@ -227,7 +227,7 @@ static int hold(stage *s) {
 		const size_t j = q % p.c.n_inputs;
 		const wide down = -slope(s->v, q) / dense.hessian[q][q];
 		const int upper = s->v[q] >= p.high[j], lower = s->v[q] <= p.low[j];
-		clear = clear && (!(upper || lower) || fabs(down) > 0.01);
+		if (upper || lower) { clear &= fabs(down) > 0.01; }
 		s->set[q] = (signed char)((upper && down > 0) - (lower && down < 0));
 	}
 	return clear;

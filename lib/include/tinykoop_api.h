@@ -361,7 +361,7 @@ typedef struct KOOP(mpc_result) {
 	 * correction of what round-off has left is not in it. An input
 	 * can be further from its optimum than this: measured, by a factor of 10 to 100. */
 	KOOP_REAL residual;
-	size_t iterations; /* Newton steps and gradient steps */
+	size_t iterations; /* Newton or gradient steps; of the latter not one that round-off has ended */
 } KOOP(mpc_result);
 
 /* The controller. The caller owns it, its storage, and what the configuration

@@ -137,16 +137,22 @@ static void distrust(KOOP(guard) *g) {
 	if (g->model == ONLINE && g->delay < GUARD_LONGEST * g->config.patience) { g->delay *= 2; }
 }
 
-/* Starts the learner again; while it is trusted it keeps its Theta, unless that is not finite: a plan need not
- * show it. */
-static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
-	const real *const models[] = {rls->theta, g->last_good, g->offline};
-	int from = g->model == ONLINE ? ONLINE : fallback(g);
+/* Theta from the last good or the offline model, unless it is in use and finite. */
+static void renew_theta(KOOP(guard) *g, KOOP(rls) *rls) {
+	const real *const models[] = {NULL, g->last_good, g->offline};
+	const int in_use = g->model == ONLINE;
+	if (in_use && KOOP(rls_copy_theta)(rls, rls->theta) == KOOP_OK) { return; } /* which refuses what is not finite */
+	int from = in_use ? OFFLINE : fallback(g);
 	if (KOOP(rls_copy_theta)(rls, models[from]) != KOOP_OK) {
 		from = OFFLINE;
 		(void)KOOP(rls_copy_theta)(rls, g->offline);
 	}
 	g->error[ONLINE] = g->error[from];
+}
+
+/* Starts the learner again. */
+static void renew(KOOP(guard) *g, KOOP(rls) *rls) {
+	renew_theta(g, rls);
 	/* a p0 that small has nothing below it in this precision */
 	if (KOOP(rls_reset_covariance)(rls, rls->config.p0 / GUARD_KNOWN) != KOOP_OK) {
 		(void)KOOP(rls_reset_covariance)(rls, rls->config.p0);

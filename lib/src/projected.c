@@ -124,8 +124,8 @@ static int stalls(const KOOP(mpc) *mpc, real residual, real *last) {
 OUT_OF_LINE static void descend_projected(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	real last = REAL_MAX, curvature;
 	int goes_on = 0;
-	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance; k++) {
-		result->iterations = k;
+	for (size_t k = 1; k <= KOOP_MPC_MAX_GRADIENT && result->residual > mpc->config.tolerance;
+	     k++, result->iterations++) {
 		estimate_noise(mpc);
 		const int leaving = !goes_on && begin_way(mpc);
 		go_along(mpc, leaving, &curvature, &goes_on);

@@ -45,7 +45,7 @@ static COLD int loses_rest(real one) {
 /* Sine, cosine and exponential, to less than two units of the last place. */
 static COLD int misses_elementary(real one) {
 	KOOP(angle) angle;
-	real turn[2], decay[4] = {one};
+	real turn[2], decay[4] = {one, 0, 0, 0};
 	reduce(&angle, 99 + one);
 	sine_cosine(&angle, turn);
 	exp_minus_four(decay);

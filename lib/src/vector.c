@@ -15,12 +15,11 @@
 #define KERNEL OUT_OF_LINE HOT
 #endif
 
-/* The exponent of what is not finite is all ones: one more carries into the sign bit, where that is gathered. */
 static int all_finite(const real *x, size_t n) {
-	const REAL_BITS one = INFINITY_BITS & ~(INFINITY_BITS << 1);
-	REAL_BITS seen = 0;
-	for (; n > 0; n--, x++) { seen |= (bits_of(*x) & INFINITY_BITS) + one; }
-	return !(seen & SIGN_BIT);
+	for (; n > 0; n--, x++) {
+		if (!is_finite(*x)) { return 0; }
+	}
+	return 1;
 }
 
 static int is_zero(real a) {

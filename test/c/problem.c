@@ -44,6 +44,23 @@ void random_problem(random_source *random, problem *p) {
 	random_fill(random, p->before, p->m, -box, box);
 }
 
+KOOP(mpc_config) problem_settings(const problem *p, real tolerance, int method) {
+	return (KOOP(mpc_config)){
+	    .n_lifted = p->N,
+	    .n_states = p->n,
+	    .n_inputs = p->m,
+	    .horizon = p->H,
+	    .Q = p->Q,
+	    .R = p->R,
+	    .S = p->rate ? p->S : NULL,
+	    .u_min = p->low,
+	    .u_max = p->high,
+	    .u_safe = p->safe,
+	    .tolerance = tolerance,
+	    .method = method,
+	};
+}
+
 wide model(const problem *p, size_t i, size_t j) {
 	return p->theta[j * KOOP_PAD(p->N) + i];
 }

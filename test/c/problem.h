@@ -21,6 +21,9 @@ double decades(random_source *random, double from, double to);
 /* Up to the size of the paper's and beyond what its models lead to. */
 void random_problem(random_source *random, problem *p);
 
+/* For mpc_init(): it points to the problem's weights and limits. */
+KOOP(mpc_config) problem_settings(const problem *p, real tolerance, int method);
+
 /* Element (i, j) of Theta. */
 wide model(const problem *p, size_t i, size_t j);
 

@@ -33,20 +33,7 @@ static size_t redraw(random_source *random, problem *p, size_t j, real u, double
 }
 
 static KOOP(mpc_config) settings(const problem *p, int method) {
-	return (KOOP(mpc_config)){
-	    .n_lifted = p->N,
-	    .n_states = p->n,
-	    .n_inputs = p->m,
-	    .horizon = p->H,
-	    .Q = p->Q,
-	    .R = p->R,
-	    .S = p->rate ? p->S : NULL,
-	    .u_min = p->low,
-	    .u_max = p->high,
-	    .u_safe = p->safe,
-	    .tolerance = TEST_DOUBLE && method == KOOP_MPC_GRADIENT ? (real)1e-7 : 0,
-	    .method = method,
-	};
+	return problem_settings(p, TEST_DOUBLE && method == KOOP_MPC_GRADIENT ? (real)1e-7 : 0, method);
 }
 
 /* The largest step that a gradient step scaled by the diagonal makes inside the limits, over the size of u. */

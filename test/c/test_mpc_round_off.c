@@ -27,20 +27,7 @@ static void far_problem(random_source *random, problem *p) {
 }
 
 static void start(const problem *p, real tolerance, int method) {
-	const KOOP(mpc_config) config = {
-	    .n_lifted = p->N,
-	    .n_states = p->n,
-	    .n_inputs = p->m,
-	    .horizon = p->H,
-	    .Q = p->Q,
-	    .R = p->R,
-	    .S = p->rate ? p->S : NULL,
-	    .u_min = p->low,
-	    .u_max = p->high,
-	    .u_safe = p->safe,
-	    .tolerance = tolerance,
-	    .method = method,
-	};
+	const KOOP(mpc_config) config = problem_settings(p, tolerance, method);
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
 }
 

@@ -560,23 +560,6 @@ static void go_on_a_little(random_source *random, problem *p, double change) {
 	if (random_below(random, 16) == 0) { random_fill(random, p->psi, p->N, -2, 2); }
 }
 
-static KOOP(mpc_config) settings(const problem *p, real tolerance, int method) {
-	return (KOOP(mpc_config)){
-	    .n_lifted = p->N,
-	    .n_states = p->n,
-	    .n_inputs = p->m,
-	    .horizon = p->H,
-	    .Q = p->Q,
-	    .R = p->R,
-	    .S = p->rate ? p->S : NULL,
-	    .u_min = p->low,
-	    .u_max = p->high,
-	    .u_safe = p->safe,
-	    .tolerance = tolerance,
-	    .method = method,
-	};
-}
-
 /* ---- Side by side ------------------------------------------------------------------------------------- */
 
 static int is_near(wide a, wide b, wide size) {
@@ -636,7 +619,7 @@ static void run_beside(random_source *random, problem *p, int method, tally *see
 	static second s;
 	const real tolerance = (real)decades(random, TEST_DOUBLE ? -7 : -3, -0.5);
 	const double change = decades(random, -5, -0.5);
-	const KOOP(mpc_config) config = settings(p, tolerance, method);
+	const KOOP(mpc_config) config = problem_settings(p, tolerance, method);
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, storage, sizeof storage / sizeof *storage));
 	second_reset(&s, p);
 	for (int k = 0, same = 1; k < 12 && same; k++) {

@@ -915,6 +915,25 @@ static void test_learner_in_use_that_is_not_finite_is_started_again(void) {
 	TEST_ASSERT_EQUAL_size_t(0, w.guard.failed);
 }
 
+/* Nor with a last good model that was taken from it. */
+static void test_learner_is_not_started_again_from_what_is_not_finite(void) {
+	prepare(&settings[4], 3);
+	change_robot(0.7, 0.8);
+	start();
+	while (w.step < 200 && (w.guard.trusted < 3 || w.guard.error[ONLINE] > w.guard.error[OFFLINE] / 2)) { plain_step(); }
+	spoil(1, 1, (double)NAN);
+	for (size_t k = 0; k < 200 && !isnan(w.guard.last_good[1]); k++) { control(w.psi); }
+	spoil(0, 1, (double)NAN);
+	control(w.psi);
+	TEST_ASSERT_EQUAL_INT(LAST_GOOD, w.guard.model);
+	TEST_ASSERT_TRUE(isnan(w.guard.last_good[1]));
+	const size_t before = w.guard.resets;
+	for (size_t k = 0; k < w.config.patience; k++) { update(w.psi); }
+	TEST_ASSERT_EQUAL_size_t(before + 1, w.guard.resets);
+	TEST_ASSERT_EQUAL_MEMORY(w.offline, w.own.rls.theta, sizeof(real));
+	TEST_ASSERT_TRUE(is_whole(&w.second, w.own.rls.theta));
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_guard_does_what_its_second_writing_says);
@@ -922,5 +941,6 @@ int main(void) {
 	RUN_TEST(test_parts_of_the_storage_lie_end_to_end);
 	RUN_TEST(test_call_without_an_argument_changes_nothing);
 	RUN_TEST(test_learner_in_use_that_is_not_finite_is_started_again);
+	RUN_TEST(test_learner_is_not_started_again_from_what_is_not_finite);
 	return UNITY_END();
 }

@@ -99,6 +99,7 @@ def read(path):
     outputs = tuple(_signal(s, "[log] extra", path) for s in log.get("extra", []))
     simulator = _need(table, "simulator", dict, "the file", path)
     states += tuple(Signal(*h.split("@")) if "@" in h else Signal(h, "1") for h in simulator.get("hidden", []))
+    _expect(simulator, simulators.keys(), "[simulator]", path)
     parameters = tuple(_inner(p, path) for p in table.get("parameter", []))
     names = [s.name for s in (*states, *commands)]
     for name in names:
@@ -109,7 +110,7 @@ def read(path):
             raise UserError(f"{path}: [log] extra {output.name}: measures must be one of {', '.join(names)}")
     effects = table.get("effects", {})
     own = tuple(python.load(place, path.parent) for place in effects.get("own", []))
-    model = simulators.make(simulator, path.parent, (len(states), len(commands), len(parameters)))
+    model, parameters = simulators.make(simulator, path.parent, states, commands, parameters)
     gaps = tuple(_gaps(table, [s.name for s in states], path)) or tuple(Gap(s.name, s.unit, (s.name,)) for s in states if s.column)
     return Robot(
         _need(table, "name", str, "the file", path),

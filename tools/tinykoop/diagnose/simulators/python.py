@@ -39,5 +39,8 @@ class Python:
         return after
 
 
-def make(place, folder, sizes):
-    return Python(load(place, folder), place)
+KEYS = ()
+
+
+def make(table, folder, names):
+    return Python(load(table["python"], folder), table["python"])

@@ -24,7 +24,11 @@ class Library:
         return after
 
 
-def make(place, folder, sizes):
+KEYS = ()
+
+
+def make(table, folder, names):
+    place = table["library"]
     file, _, name = place.rpartition(":")
     path = folder / file
     try:

@@ -1,15 +1,21 @@
-"""A MuJoCo model (MJCF): hinges and slides, many rows at once by its threaded rollout.
+"""A MuJoCo model (MJCF) of hinges and slides, many rows at once by its threaded rollout.
 
 Todorov, Erez and Tassa, "MuJoCo: A physics engine for model-based control", IROS 2012.
 """
 
+import copy
+import difflib
 import os
 
 import numpy as np
 
 from ...errors import UserError
 
-KEYS = ("qpos", "qvel", "ctrl")
+KEYS = ("qpos", "qvel", "act", "ctrl", "sensordata")
+COUNTS = {
+    "body": "nbody", "joint": "njnt", "geom": "ngeom", "actuator": "nu", "site": "nsite", "tendon": "ntendon", "equality": "neq", "sensor": "nsensor",
+}  # fmt: skip
+MODELS = 16  # with other parameters, that are kept
 
 
 def _package():
@@ -18,88 +24,178 @@ def _package():
         import mujoco.rollout
     except ImportError:
         raise UserError("[simulator] mujoco: the package is missing; build/venv/bin/pip install -r tools/requirements-simulators.txt") from None
-    mujoco.set_mju_user_warning(lambda text: None)  # a run that blows up is told by its states
     return mujoco
 
 
+def _among(name, names, where, what):
+    """Raises unless name is one of names, and says which are near."""
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 3, 0.5) or sorted(names)[:12]
+        raise UserError(f"{where}: there is no {what} {name}; there is {', '.join(near) or 'none at all'}")
+
+
+def _named(model, kind):
+    """Names of all bodies, joints, .. of a model."""
+    return [getattr(model, kind)(i).name for i in range(getattr(model, COUNTS[kind]))]
+
+
+# ---- parameters ----------------------------------------------------------------------------------------------
+
+
+class Field:
+    """Where a model keeps a parameter: KIND/NAMES/WHAT/INDICES; an option has no name, and the first number needs no index."""
+
+    def __init__(self, model, text):
+        self.text, self.where, pieces = text, f"[[parameter]] field {text}", text.split("/")
+        self.at = [int(part) for part in pieces.pop().split(",")] if pieces[-1].replace(",", "").isdecimal() else [0]
+        self.kind, self.what = pieces[0], pieces[-1]
+        _among(self.kind, [*COUNTS, "option"], self.where, "kind")
+        self.names = "/".join(pieces[1:-1]).split(",") if self.kind != "option" else []
+        for name in self.names:
+            _among(name, [n for n in _named(model, self.kind) if n], self.where, self.kind)
+        self._check(model)
+
+    def _check(self, model):
+        owner = self._owners(model)[0]
+        numbers = {name: np.atleast_1d(getattr(owner, name)) for name in dir(owner) if name[0] != "_"}
+        _among(self.what, [name for name, held in numbers.items() if held.dtype == float], self.where, "number")
+        if self.what == "timestep":
+            raise UserError(f"{self.where}: is no parameter; every diagnosis tries shorter steps of time by itself")
+        size = numbers[self.what].size
+        if max(self.at) >= size:
+            raise UserError(f"{self.where}: {self.what} has {size} numbers; the last is {self.what}/{size - 1}")
+        if np.ptp(self._values(model)) > 0:
+            raise UserError(f"{self.where}: stands for different numbers, {self._values(model)}; make a [[parameter]] of each")
+
+    def _owners(self, model):
+        return [getattr(model, self.kind)(name) for name in self.names] or [model.opt]
+
+    def _values(self, model):
+        return [float(np.ravel(getattr(owner, self.what))[i]) for owner in self._owners(model) for i in self.at]
+
+    def value(self, model):
+        return self._values(model)[0]
+
+    def write(self, model, value):
+        for owner in self._owners(model):
+            held = getattr(owner, self.what)
+            if (self.kind, self.what) == ("body", "mass"):  # a payload has inertia, too
+                owner.inertia[:] *= value / held[0]
+            if isinstance(held, float):
+                setattr(owner, self.what, value)
+            else:
+                held.reshape(-1)[self.at] = value
+
+
+# ---- steps ---------------------------------------------------------------------------------------------------
+
+
 class Mujoco:
-    def __init__(self, model, place, order, ctrl):
-        self.package, self.model, self.place, self.order, self.ctrl = _package(), model, place, order, ctrl
-        self.data = [self.package.MjData(model) for _ in range(os.cpu_count() or 1)]
-        self.own_step, self.row, self.fields = model.opt.timestep, 0.0, []
+    """state, ctrl, sensed: which of the robot's states and commands stand where in those of the model."""
 
-    # ---- parameters ------------------------------------------------------------------------------------------
-
-    def _element(self, field):
-        """(array of the model, index) of a field such as body/hand/mass."""
-        kind, name, what = (*field.split("/"), "", "")[:3]
-        try:
-            if kind == "option":
-                return getattr(self.model.opt, name), 0
-            element = getattr(self.model, kind)(name)
-            return getattr(element, what), 0
-        except (AttributeError, KeyError, TypeError) as error:
-            raise UserError(f"[[parameter]] field {field}: {self.place} has no such thing; write body/NAME/mass, joint/NAME/damping, ..") from error
+    def __init__(self, model, state, ctrl, sensed, addresses, fields, threads=None):
+        self.package, self.model = _package(), model
+        self.state, self.ctrl, self.sensed, self.addresses = state, ctrl, sensed, addresses
+        self.fields, self.own_step, self.models = fields, model.opt.timestep, {}
+        self.rates = state[model.nq : model.nq + model.nv]
+        model.opt.disableflags |= self.package.mjtDisableBit.mjDSBL_AUTORESET  # what blows up shall be seen to
+        self.data = [self.package.MjData(model) for _ in range(threads or len(os.sched_getaffinity(0)))]
 
     def value(self, field):
-        array, at = self._element(field)
-        return float(np.ravel(array)[at])
+        return next(f for f in self.fields if f.text == field).value(self.model)
 
-    def _set(self, params):
-        for field, value in zip(self.fields, params):
-            array, at = self._element(field)
-            before = float(np.ravel(array)[at])
-            if before == value:
-                continue
-            array[at] = value
-            kind, name, what = field.split("/")
-            if (kind, what) == ("body", "mass") and before > 0:  # a payload scales inertia with mass
-                self.model.body(name).inertia[:] *= value / before
-            self.package.mj_setConst(self.model, self.data[0])
+    def finer(self, times):
+        """The same with steps of time so much shorter."""
+        other = copy.copy(self)
+        other.own_step = self.own_step / times
+        return other
 
-    # ---- steps -------------------------------------------------------------------------------------------------
+    def _with(self, params):
+        """The model with these parameters."""
+        if params not in self.models:
+            model = copy.copy(self.model)
+            for field, value in zip(self.fields, params):
+                if value != field.value(model):
+                    field.write(model, value)
+            self.package.mj_setConst(model, self.data[0])
+            if len(self.models) >= MODELS:
+                self.models.clear()
+            self.models[params] = model
+        return self.models[params]
 
     def step(self, x, u, dt, params):
-        self._set(params)
-        self.row = max(self.row, dt)
-        steps = max(1, round(self.row / self.own_step))
-        self.model.opt.timestep = dt / steps
-        start = np.zeros((len(x), self.package.mj_stateSize(self.model, self.package.mjtState.mjSTATE_FULLPHYSICS)))
-        start[:, 1 : 1 + x.shape[1]] = x[:, self.order]
-        control = np.repeat(u[:, None, self.ctrl], steps, axis=1)
-        states, _ = self.package.rollout.rollout(self.model, self.data, start, control, nstep=steps, persistent_pool=True)
+        model, steps, count = self._with(tuple(map(float, params))), max(1, round(dt / self.own_step)), len(self.state)
+        model.opt.timestep = dt / steps
+        start = np.zeros((len(x), 1 + count))  # time, then the state
+        start[:, 1:] = x[:, self.state]
+        last = steps + bool(self.sensed)  # sensors are read as a step begins
+        states, readings = self._rollout(model, start, np.repeat(u[:, None, self.ctrl], last, axis=1), last)
         after = np.empty_like(x)
-        after[:, self.order] = states[:, -1, 1 : 1 + x.shape[1]]
+        after[:, self.state] = states[:, steps - 1, 1:]
+        after[:, self.sensed] = readings[:, -1, self.addresses]
         return after
 
+    def _rollout(self, model, start, control, steps):
+        before = self.package.get_mju_user_warning()
+        self.package.set_mju_user_warning(lambda text: None)  # else it writes a file, for each step that blows up
+        try:
+            return self.package.rollout.rollout(model, self.data, start, control, nstep=steps)
+        finally:
+            self.package.set_mju_user_warning(before)
 
-def _order(table, key, count, names, model):
-    """Indices of the robot's signals in the order of the model."""
-    wanted = table.get(key, [])
-    if len(wanted) != count:
-        raise UserError(f"[simulator] {key}: {model} has {count}; name a signal of the robot for each")
-    unknown = [name for name in wanted if name not in names]
-    if unknown:
-        raise UserError(f"[simulator] {key}: the robot has no {unknown[0]}; there are {', '.join(names)}")
-    return [names.index(name) for name in wanted]
+
+# ---- from a robot's file ---------------------------------------------------------------------------------------
+
+
+def _order(table, key, wanted, names):
+    """Indices of the robot's signals that [simulator] KEY names, one for each of what the model has."""
+    where, given = f"[simulator] {key}", table.get(key, [])
+    if len(given) != len(wanted):
+        raise UserError(f"{where}: the model has {len(wanted)} ({', '.join(wanted)}); name a signal of the robot for each")
+    for name in given:
+        _among(name, names, where, "signal")
+    return [names.index(name) for name in given]
+
+
+def _load(package, path):
+    if not path.is_file():
+        raise UserError(f"[simulator] mujoco: there is no file {path}; the place is relative to the robot's file")
+    try:
+        model = package.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise UserError(f"{path}: {' '.join(str(error).split())[:200]}") from error
+    turning = [model.joint(i).name or "unnamed" for i in range(model.njnt) if model.joint(i).qpos0.size > 1]
+    if turning:
+        raise UserError(f"{path}: joint {turning[0]} is free or a ball; put three slides and hinges in its place")
+    if package.mj_stateSize(model, package.mjtState.mjSTATE_FULLPHYSICS) != 1 + model.nq + model.nv + model.na:
+        raise UserError(f"{path}: has delays, plugins or plasticity, whose states no log has; take them out")
+    return model
+
+
+def _address(model, place):
+    """Where SENSOR or SENSOR/INDEX stands in the sensor data."""
+    where, (name, _, at) = f"[simulator] sensordata {place}", place.partition("/")
+    _among(name, _named(model, "sensor"), where, "sensor")
+    sensor = model.sensor(name)
+    if not (at or "0").isdecimal() or int(at or 0) >= sensor.dim[0]:
+        raise UserError(f"{where}: {name} has {sensor.dim[0]} numbers; the last is {name}/{sensor.dim[0] - 1}")
+    return int(sensor.adr[0]) + int(at or 0)
 
 
 def make(table, folder, names):
-    package, place = _package(), table["mujoco"]
+    package = _package()
     states, commands, fields = names
-    try:
-        model = package.MjModel.from_xml_path(str(folder / place))
-    except ValueError as error:
-        raise UserError(f"{place}: {' '.join(str(error).split())[:200]}") from error
-    if model.nq != model.nv:
-        raise UserError(f"{place}: has free or ball joints; describe the robot by slides and hinges")
-    order = [*_order(table, "qpos", model.nq, states, place), *_order(table, "qvel", model.nv, states, place)]
-    if sorted(order) != list(range(len(states))):
-        raise UserError(f"[simulator] qpos and qvel must name every state once; the states are {', '.join(states)}")
-    if any(not field for field in fields):
+    model = _load(package, folder / table["mujoco"])
+    joints = _named(model, "joint")
+    state = [*_order(table, "qpos", joints, states), *_order(table, "qvel", joints, states)]
+    state += _order(table, "act", [a.name for a in map(model.actuator, range(model.nu)) for _ in range(a.actnum[0])], states)
+    places = table.get("sensordata", {})
+    for name in places:
+        _among(name, states, "[simulator] sensordata", "state")
+    sensed = [states.index(name) for name in places]
+    if sorted([*state, *sensed]) != list(range(len(states))):
+        raise UserError(f"[simulator] qpos, qvel, act and sensordata must name every state once; the states are {', '.join(states)}")
+    if not all(fields):
         raise UserError("[[parameter]]: field is missing; such as body/hand/mass or joint/wheel/damping")
-    made = Mujoco(model, place, order, _order(table, "ctrl", model.nu, commands, place))
-    for field in fields:
-        made.value(field)
-    made.fields = fields
-    return made
+    ctrl = _order(table, "ctrl", _named(model, "actuator"), commands)
+    return Mujoco(model, state, ctrl, sensed, [_address(model, p) for p in places.values()], [Field(model, f) for f in fields])

@@ -216,7 +216,8 @@ class Finder:
         problem.linearise(fit.causes)
         fit = self.learn_noise(problem.fit_of(fit.causes))
         was, found = problem.finer, fit
-        for finer in (0.0, 1.0, LIMIT):
+        shows = np.linalg.norm(problem.whiten(problem.shift)) > 1
+        for finer in (0.0, 1.0, LIMIT) if shows else (0.0,):
             if finer != was:
                 problem.finer = finer
                 other = self.refine(problem.fit_of(fit.causes), 2)

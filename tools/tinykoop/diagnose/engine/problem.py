@@ -151,8 +151,10 @@ class Problem:
         """The Fit of causes, by one pass."""
         causes = tuple(causes)
         with np.errstate(all="ignore"):
-            _, Y = self.rollouts.run(self.action(causes))
-            missed = self.rollouts.missed(Y + self.finer * self.shift)
+            try:
+                missed = self.rollouts.missed(self.rollouts.run(self.action(causes))[1] + self.finer * self.shift)
+            except RunsAway:
+                missed = np.inf
         if not np.isfinite(np.where(np.isfinite(self.rollouts.measured), missed, 0.0)).all():
             return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf))
         left = self.whiten(missed)

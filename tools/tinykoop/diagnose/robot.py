@@ -42,7 +42,7 @@ class Inner:
     low: float
     high: float
     usual: float  # of the difference
-    field: str | None = None  # where a model keeps it
+    field: str = ""  # where a model keeps it
 
 
 class Simulator(Protocol):

@@ -59,7 +59,7 @@ def _inner(table, path):
     usual = float(table.get("usual", 0.1 * (high - low)))
     if not low < high or not usual > 0 or (math.isfinite(value) and not low <= value <= high):
         raise UserError(f"{path}: {where}: low < high, value between them and usual above 0 are needed")
-    return Inner(name, table.get("unit", "1"), value, low, high, usual, table.get("field"))
+    return Inner(name, table.get("unit", "1"), value, low, high, usual, table.get("field", name))
 
 
 def _text(path):

@@ -96,8 +96,6 @@ def make(table, folder, names):
     order = [*_order(table, "qpos", model.nq, states, place), *_order(table, "qvel", model.nv, states, place)]
     if sorted(order) != list(range(len(states))):
         raise UserError(f"[simulator] qpos and qvel must name every state once; the states are {', '.join(states)}")
-    if any(not field for field in fields):
-        raise UserError("[[parameter]]: field is missing; such as body/hand/mass or joint/wheel/damping")
     made = Mujoco(model, place, order, _order(table, "ctrl", model.nu, commands, place))
     for field in fields:
         made.value(field)

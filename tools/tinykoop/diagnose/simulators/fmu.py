@@ -227,7 +227,7 @@ def _package():
     try:
         import fmpy
     except ImportError:
-        raise UserError("[simulator] fmu: the package is missing; build/venv/bin/pip install -r tools/requirements-simulators.txt") from None
+        raise UserError("[simulator] fmu: fmpy is missing; build/venv/bin/pip install -r tools/requirements-simulators.txt") from None
     return fmpy
 
 

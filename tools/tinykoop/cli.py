@@ -79,6 +79,7 @@ def parser():
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
     gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own (docs/own-robot.md)")
     gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
+    gap.add_argument("--sim", metavar="SIM.csv", help="TOML file: a run of your simulator under the log's commands, instead of [simulator]")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
     robot = commands.add_parser("robot", help="a robot of your own: begin its file, check it against a log (docs/own-robot.md)")
     what = robot.add_subparsers(dest="what", required=True, metavar="WHAT")
@@ -86,6 +87,7 @@ def parser():
     check = what.add_parser("check", help="units, signs, wrapping and timing of a log, as the robot's file has them")
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
+    check.add_argument("--sim", metavar="SIM.csv", help="a run of your simulator under the log's commands, instead of [simulator]")
     effects = commands.add_parser("effects", help="every effect with its formula, parameters, units, bounds and usual size")
     effects.add_argument("--robot", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own")
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
@@ -175,11 +177,11 @@ def dispatch(a):
     elif a.command == "diagnose":
         from . import diagnose
 
-        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.robot, a.without, a.healthy)
+        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.robot, a.without, a.healthy, a.sim)
     elif a.command == "robot":
         from .diagnose.robots import check, new
 
-        check.run(a.robot, a.log) if a.what == "check" else new.run(a.name)
+        check.run(a.robot, a.log, a.sim) if a.what == "check" else new.run(a.name)
     elif a.command == "effects":
         from .diagnose.robots import effects
 

@@ -30,10 +30,12 @@ def _arguments(path, fresh, platform, without, healthy):
     return sys.modules[__name__], (log, robot, fresh_log, without)
 
 
-def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
+def run(path, out, fresh=None, platform="ddr", without=(), healthy=None, sim=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
     if platform.endswith(".toml"):
-        return own.run(path, platform, out, fresh, without)
+        return own.run(path, platform, out, fresh, without, sim)
+    if sim:
+        raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
     if platform not in (*PLATFORMS, "fwmav"):
         raise UserError(f"--robot {platform}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
     with busy(f"diagnosing {Path(path).name}"):

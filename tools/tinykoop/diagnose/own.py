@@ -154,6 +154,8 @@ def diagnose(log, robot, fresh=None, without=()):
         "passes": round(problem.rollouts.passes),
         "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": float(log.t[-1] - log.t[0])},
     }  # fmt: skip
+    if hasattr(robot.simulator, "surrogate"):
+        report["surrogate"] = robot.simulator.surrogate
     result = Diagnosis(report, problem, fit, looked, before, after)
     if fresh is not None:
         _add_fresh(result, robot, fresh, fit)
@@ -171,13 +173,16 @@ def _add_fresh(result, robot, fresh, fit):
     result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps}
 
 
-def run(path, robot_file, out, fresh=None, without=()):
-    """Diagnoses a log file with the robot of a TOML file; writes report.json and report.html, prints the summary."""
-    robot = toml.read(robot_file)
-    logs = [read(file, robot) if file else None for file in (path, fresh)]
+def run(path, robot_file, out, fresh=None, without=(), sim=None):
+    """Diagnoses a log file with the robot of a TOML file; writes report.json and report.html, prints the summary.
+
+    sim: a run of the simulator under the log's commands (CSV), in the place of the TOML's.
+    """
+    robot, log = toml.read_both(robot_file, path, sim)
+    fresh_log = read(fresh, robot) if fresh else None
     with busy(f"diagnosing {Path(path).name}"):
-        check.refuse(robot, logs[0], path, robot_file)
-        result = diagnose(logs[0], robot, logs[1], without)
+        check.refuse(robot, log, path, robot_file)
+        result = diagnose(log, robot, fresh_log, without)
         out = output_folder(out)
     result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
     told = story(result)

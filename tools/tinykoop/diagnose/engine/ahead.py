@@ -47,9 +47,7 @@ class Ahead:
         run = np.convolve(log.usable, np.ones(self.horizons[-1]), "valid") == self.horizons[-1]
         good = np.flatnonzero(run & np.isfinite(x[: len(run)]).all(1))
         good = good[:: max(1, len(good) // STARTS)]
-        self.rollouts.starts = good
-        self.rollouts.index = good[:, None] + np.arange(self.horizons[-1] + 1)
-        self.rollouts.measured = log.y[self.rollouts.index]
+        self.rollouts.put(good)
         self.rollouts.x0 = x[good]
         # which half of the windows a prediction begins in
         self.half = np.searchsorted(problem.rollouts.starts, good, side="right") % 2  # 1: in an even one

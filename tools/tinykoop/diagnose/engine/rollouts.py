@@ -54,13 +54,17 @@ class Rollouts:
 
     def __init__(self, robot, log, rows):
         self.robot, self.log, self.rows = robot, log, rows
-        self.starts = cut(log.usable, rows)
-        self.index = self.starts[:, None] + np.arange(rows + 1)  # (W, H + 1)
-        self.measured = log.y[self.index]  # (W, H + 1, c)
         self.substeps = 1
         self.passes = 0.0
         self.spread = _spread(log)
-        self.x0 = np.nan_to_num(log.x[self.starts])
+        self.put(cut(log.usable, rows))
+
+    def put(self, starts):
+        """Windows that begin in these rows (W,)."""
+        self.starts = starts
+        self.index = starts[:, None] + np.arange(self.rows + 1)  # (W, H + 1)
+        self.measured = self.log.y[self.index]  # (W, H + 1, c)
+        self.x0 = np.nan_to_num(self.log.x[starts])
 
     def idle(self):
         """Nothing acts."""

@@ -87,7 +87,19 @@ def asides(report):
         )
     if report["time_step"]["matters"]:
         said.append("The simulator's step of time is too long for this log: shorter steps bring it nearer. That is taken into account.")
+    if "surrogate" in report:
+        said.append(_of_surrogate(report))
     return tuple(said)
+
+
+def _of_surrogate(report):
+    """What stood in the place of a simulator that is known by a recorded run alone."""
+    surrogate = report["surrogate"]
+    worst = words.percent(max(surrogate["off"].values()))
+    return (
+        f"The simulator is known only by its run {surrogate['file']}: a surrogate, which was fitted to that run, stood in for it."
+        f" {surrogate['rows']} steps ahead, on rows that it was not fitted to, the surrogate is off by {worst} of this log's noise at most."
+    )
 
 
 GAP_HEADERS = ("steps ahead", "before", "after", "noise floor", "closed", "95 % interval")

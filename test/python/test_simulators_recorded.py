@@ -94,7 +94,8 @@ def test_a_run_needs_no_column_of_a_further_sensor(car, tmp_path):
     log = log_of(car, tmp_path, 28)
     odometer = replace(log, y=np.concatenate([log.y, log.u[:, :1]], 1))
     robot = recorded.of(replace(car, outputs=(Signal("odometer", "m/s", "v", measures="speed"),)), run_of(car, tmp_path, log), odometer)
-    assert [c.name for c in robot.channels] == ["px", "py", "yaw", "odometer"] and list(robot.simulator.surrogate["off"]) == ["px", "py", "yaw"]
+    assert [c.name for c in robot.channels] == ["px", "py", "yaw", "odometer"]
+    assert list(robot.simulator.surrogate["off"]) == ["px", "py", "yaw"]
 
 
 # ---- runs that are refused ---------------------------------------------------------------------------------------

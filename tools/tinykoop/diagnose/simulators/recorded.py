@@ -149,9 +149,9 @@ def of(robot, path, log):
     worst = int(np.argmax(off))
     if not off[worst] < OFF:
         raise UserError(
-            f"{path}: no surrogate that is fitted to this run does what the simulator does: {run.rollouts.rows} steps ahead the best is off"
-            f" by {off[worst]:.2g} times the log's noise in {robot.channels[worst].name}; add columns for what is missing of the state, take"
-            " noise out of the run, or name the simulator itself in [simulator]"
+            f"{path}: no surrogate fitted to this run does what the simulator does: {run.rollouts.rows} steps ahead the best is off by"
+            f" {off[worst]:.2g} times the log's noise in {robot.channels[worst].name}; add columns for what is missing of the state,"
+            " take noise out of the run, or name the simulator itself in [simulator]"
         )
     _same_ground(robot, run, log, chosen, path)
     model = run.model(chosen)

@@ -75,11 +75,13 @@ def parser():
     size.add_argument("--target", default="cortex-m4f", help="a folder of targets/ (default cortex-m4f)")
 
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
-    gap.add_argument("log")
+    gap.add_argument("log", nargs="+", help="several: one report for each, and one table of all")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
     gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own (docs/own-robot.md)")
-    gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
+    gap.add_argument("--healthy", nargs="+", default=[], metavar="LOG", help="logs of the healthy or earlier robot: then, what changed")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
+    gap.add_argument("--jobs", type=int, help="of several logs: processes (default: all cores)")
+    gap.add_argument("--cluster", help="of several logs: address of a Dask scheduler that takes the work instead, with the same folders")
     robot = commands.add_parser("robot", help="a robot of your own: begin its file, check it against a log (docs/own-robot.md)")
     what = robot.add_subparsers(dest="what", required=True, metavar="WHAT")
     what.add_parser("new", help="write NAME.toml and NAME.py to begin with").add_argument("name", metavar="NAME")
@@ -91,6 +93,7 @@ def parser():
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
     blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
+    blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: put known effects into this real flight instead")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
     blind.add_argument("--seed", type=int, default=1)
@@ -138,6 +141,12 @@ def parser():
     return main
 
 
+def _options(a):
+    """What a diagnosis of several logs passes on to those of each."""
+    given = ["--robot", str(a.robot), *(("--fresh", str(a.fresh)) if a.fresh else ()), *(("--healthy", *map(str, a.healthy)) if a.healthy else ())]
+    return [*given, *(part for name in a.without for part in ("--without", name))]
+
+
 def dispatch(a):
     """Runs one subcommand."""
     if a.command == "demo":
@@ -174,8 +183,13 @@ def dispatch(a):
         study.run(a.out, study.RUNS if a.runs is None else a.runs)
     elif a.command == "diagnose":
         from . import diagnose
+        from .diagnose import several
 
-        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.robot, a.without, a.healthy)
+        out = a.out / "diagnose" if a.out == OUT else a.out
+        if len(a.log) == 1:
+            diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy)
+        else:
+            several.run(a.log, out, _options(a), a.jobs, a.cluster)
     elif a.command == "robot":
         from .diagnose.robots import check, new
 
@@ -186,8 +200,14 @@ def dispatch(a):
         effects.run(a.robot, a.log)
     elif a.command == "blind":
         from . import blind
-        from .blind import flights, injected
+        from .blind import flights, injected, own
+        from .blind.own import campaign
 
+        if a.robot:
+            if a.robot not in own.ROBOTS:
+                raise UserError(f"--robot {a.robot}: no plant of its own; there are {', '.join(own.ROBOTS)}")
+            campaign.run(a.out, a.robot, a.n, a.seed, a.cluster, a.jobs)
+            return
         if a.inject:
             if a.platform != "fwmav":
                 raise UserError("--inject: only for flights of the flapping wing; add --platform fwmav")

@@ -21,7 +21,9 @@ def _arguments(path, fresh, platform, without, healthy):
     if platform == "fwmav":
         from . import flight as kind
 
-        log, fresh_log, own = (kind.load(file) if file else None for file in (path, fresh, healthy))
+        if len(healthy) > 1:
+            raise UserError("--healthy: the flapping wing is fitted to one healthy log; give the longest")
+        log, fresh_log, own = (kind.load(file) if file else None for file in (path, fresh, *healthy, None)[:3])
         return kind, (log, fresh_log, without, own)
     if healthy:
         raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
@@ -30,10 +32,10 @@ def _arguments(path, fresh, platform, without, healthy):
     return sys.modules[__name__], (log, robot, fresh_log, without)
 
 
-def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
+def run(path, out, fresh=None, platform="ddr", without=(), healthy=()):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
     if platform.endswith(".toml"):
-        return own.run(path, platform, out, fresh, without)
+        return own.run(path, platform, out, fresh, without, healthy)
     if platform not in (*PLATFORMS, "fwmav"):
         raise UserError(f"--robot {platform}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
     with busy(f"diagnosing {Path(path).name}"):

@@ -19,6 +19,8 @@ KNOWN = {
     "parameter:wheelbase": (0.02, 0.06), "cross:steering<-speed": (0.01, 0.03),
 }  # fmt: skip
 UNKNOWN = {"understeer": (0.15, 0.4), "side_slip": (0.08, 0.2), "turning_slows": (0.3, 0.8), "slope": (0.05, 0.15)}
+# Names of effects that do the same on this robot: a longer wheelbase turns it less, as a smaller steering angle does.
+ALIKE = {"gain:steering": ("parameter:wheelbase",), "parameter:wheelbase": ("gain:steering",)}
 SIGNED = ("gain", "bias", "parameter", "cross", "slope", "side_slip")
 
 

@@ -298,6 +298,16 @@ def test_gap_of_a_robot_on_the_spot_is_that_of_its_heading(spot):
     assert "Gap, heading" in caught.get()
 
 
+@pytest.mark.parametrize("left", [{"matters": False}, {"matters": True, "depends_on": []}], ids=["small", "no trace"])
+def test_what_depends_on_nothing_is_told_in_whole_sentences(lag, left):
+    report = changed(lag, unexplained={**lag.report["unexplained"], **left}).report
+    assert not any("depends" in aside for aside in words.asides(report))
+    report["verdict"] = "unknown"
+    assert words.sentence(report).endswith("; none of the known effects explains what is left.")
+    report["effects"] = []
+    assert words.sentence(report).endswith(" without noise; none of the known effects explains the gap.")
+
+
 def test_no_percentage_near_the_noise(lag):
     gap = {**lag.report["gap"], "closed_fraction": dict.fromkeys(("1", "10", "50"), math.nan)}
     assert "no percentage" in words.sentence(changed(lag, gap=gap).report)

@@ -328,6 +328,12 @@ def depends(report):
     )
 
 
+def _unexplained(what, report):
+    """That no effect explains the gap, or what is left of it, and on what that depends where it is known."""
+    on = depends(report)
+    return f"{what} depends on {on} and none of the known effects explains it" if on else f"none of the known effects explains {what}"
+
+
 def sentence(report):
     """The verdict in one sentence."""
     left, size = report["unexplained"], judged(report["gap"], report)[1]
@@ -336,22 +342,18 @@ def sentence(report):
     if report["verdict"] == "known":
         partly = left["matters"]
         return f"Known{', but PARTLY explained' if partly else ''}: {causes(report)}; {_closing(report)}."
-    on = depends(report)
-    rest = f"depends on {on} and none of the known effects explains it" if on else "none of the known effects explains"
     if not report["effects"]:
-        return f"Unknown: the simulator is off by {size(left['of_gap_m'])} without noise; the gap {rest}."
+        return f"Unknown: the simulator is off by {size(left['of_gap_m'])} without noise; {_unexplained('the gap', report)}."
     names = listed(title(effect["name"]) for effect in report["effects"])
-    return f"Unknown, PARTLY explained: with {names}, {_closed_in_part(report)}; what is left {rest}."
+    return f"Unknown, PARTLY explained: with {names}, {_closed_in_part(report)}; {_unexplained('what is left', report)}."
 
 
 def asides(report):
     """What must stand right beside the verdict: short sentences."""
     said, left, size = [], report["unexplained"], judged(report["gap"], report)[1]
     if report["verdict"] == "known" and left["matters"]:
-        on = depends(report)
-        said.append(
-            f"What is left is {size(left['gap_m'])} of {size(left['of_gap_m'])} without noise; it depends on {on}."
-        )
+        on = f"; it depends on {depends(report)}" if depends(report) else ""
+        said.append(f"What is left is {size(left['gap_m'])} of {size(left['of_gap_m'])} without noise{on}.")
     return said + doubts(report) + tried(report)
 
 

@@ -152,6 +152,13 @@ def test_unknown_name_in_without(tinykoop, tmp_path):
     refused(tinykoop(good, "--without", "speed_gian"), "speed_gian")
 
 
+@pytest.mark.parametrize("option", ["--robot", "--platform"])
+@pytest.mark.parametrize("name", ["bicycle", "", "car.tml"])
+def test_unknown_platform(option, name, tinykoop, tmp_path):
+    good = write(tmp_path / "good.csv", poses(drive()), drive())
+    refused(tinykoop(good, option, name), f"'{name}'", "ddr", "fwmav", "TOML file")
+
+
 def test_everything_taken_out(tinykoop, tmp_path):
     """A healthy robot still is one; the gap of another is unknown."""
     everything = [word for name in sim.effects() if name != "measurement_noise" for word in ("--without", name)]

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from .errors import UserError
+from .platforms import COLUMNS as PLATFORMS
 from .results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -77,7 +78,7 @@ def parser():
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
-    gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own (docs/own-robot.md)")
+    gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help=f"{', '.join(PLATFORMS)}, or the TOML file of your own (docs/own-robot.md)")
     gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
     robot = commands.add_parser("robot", help="a robot of your own: begin its file, check it against a log (docs/own-robot.md)")
@@ -87,10 +88,10 @@ def parser():
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
     effects = commands.add_parser("effects", help="every effect with its formula, parameters, units, bounds and usual size")
-    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own")
+    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{', '.join(PLATFORMS)}, or the TOML file of your own")
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
-    blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
+    blind.add_argument("--platform", choices=PLATFORMS, default="ddr")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: put known effects into this real flight instead")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
     blind.add_argument("--seed", type=int, default=1)
@@ -109,17 +110,17 @@ def parser():
 
     play = add("replay", "a log through the eleven methods, both precisions and forms")
     play.add_argument("log")
-    play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
 
     when = add("changes", "when something changed, as wind that comes, from the innovations of one log")
     when.add_argument("log")
-    when.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    when.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
 
     summary = "a log of a Crazyflie, PX4 or ROS 2 to the CSV that the other commands read (docs/convert.md)"
     convert = commands.add_parser("convert", help=summary, description=summary)
     convert.add_argument("source", help="log file, or folder of a bag or of a cfclient session")
     convert.add_argument("csv", metavar="OUT.csv", help="file to write")
-    convert.add_argument("--platform", choices=("ddr", "fwmav"), required=True, help="which columns")
+    convert.add_argument("--platform", choices=PLATFORMS, required=True, help="which columns")
     convert.add_argument("--format", choices=("usd", "ulog", "ros2", "crazyflie"), help="default: by what is in the file")
     convert.add_argument("--rate", type=float, metavar="HZ", help="rows a second (default: as the state's slowest part)")
     convert.add_argument(
@@ -131,7 +132,7 @@ def parser():
     fit = commands.add_parser("fit", help="offline model of a log, as a C header or binary for firmware")
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
-    fit.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    fit.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
     fit.add_argument("--dictionary", choices=("poly", "rbf"), default="rbf")
     fit.add_argument("--precision", type=int, choices=(32, 64), default=32)
     fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation (default 1e4)")

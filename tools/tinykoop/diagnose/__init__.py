@@ -12,6 +12,7 @@ from ..results import busy, output_folder, printable, replacing, write_bytes
 from . import own, page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
+from .robots import is_own
 
 __all__ = ["diagnose", "in_log_time", "load", "page", "run", "words"]
 
@@ -32,10 +33,8 @@ def _arguments(path, fresh, platform, without, healthy):
 
 def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
-    if platform.endswith(".toml"):
+    if is_own(platform):
         return own.run(path, platform, out, fresh, without)
-    if platform not in (*PLATFORMS, "fwmav"):
-        raise UserError(f"--robot {platform}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
     with busy(f"diagnosing {Path(path).name}"):
         kind, arguments = _arguments(path, fresh, platform, without, healthy)
         out = output_folder(out)

@@ -1,0 +1,23 @@
+"""The robots that come with TinyKoop, by the columns of their logs; host_sim/ knows the same ones."""
+
+from .errors import UserError
+
+COLUMNS = {  # beside t
+    "ddr": ("px", "py", "theta", "v", "omega"),
+    "fwmav": ("gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"),
+}
+COMMANDS = ("v", "omega", "u")
+
+
+def sizes(platform):
+    """(number of states, number of commands)."""
+    check(platform)
+    commands = sum(column in COMMANDS for column in COLUMNS[platform])
+    return len(COLUMNS[platform]) - commands, commands
+
+
+def check(platform, *others):
+    """Refuses what is no platform; others: what may be given beside one."""
+    if platform not in COLUMNS:
+        *most, last = *COLUMNS, *others
+        raise UserError(f"there is no platform named '{platform}': use {', '.join(most)} or {last}")

@@ -159,6 +159,17 @@ def test_unknown_platform(option, name, tinykoop, tmp_path):
     refused(tinykoop(good, option, name), f"'{name}'", "ddr", "fwmav", "TOML file")
 
 
+def test_columns_tell_the_platform_unless_it_is_given(tinykoop, tmp_path):
+    log, imu = sim.fwmav("pitch", 2, 1)[0], np.zeros(ROWS)
+    flight = tmp_path / "flight.csv"
+    sim.write_log(flight, log.x, log.u, log.dt, "fwmav")
+    refused(tinykoop(flight), "flight.csv", "record 6 s at least")
+    for option in ("--platform", "--robot"):
+        refused(tinykoop(flight, option, "ddr"), "flight.csv", "'px'", "ddr")
+    with_imu = write(tmp_path / "log.csv", poses(drive()), drive(), gx=imu, gy=imu, gz=imu)
+    assert tinykoop(with_imu)[2]["platform"] == "ddr"
+
+
 def test_everything_taken_out(tinykoop, tmp_path):
     """A healthy robot still is one; the gap of another is unknown."""
     everything = [word for name in sim.effects() if name != "measurement_noise" for word in ("--without", name)]

@@ -327,6 +327,23 @@ def test_tools_know_the_columns_of_the_reader(platform):
     assert platforms.sizes(platform)[0] == LOG_STATES[platform]
 
 
+@pytest.mark.parametrize("platform", COLUMNS)
+@pytest.mark.parametrize("more", [[], ["gx", "u"], ["px", "v"], ["imu_gx", "pitch", "roll"]], ids=" ".join)
+def test_columns_tell_the_platform(tmp_path, platform, more):
+    """Others beside them do not, and the order, blanks and a byte order mark do not matter."""
+    names = COLUMNS[platform].split(",")
+    for header in (names + more, [*more, *reversed(names)], [f" {name} " for name in names], ["\ufeff" + names[1], *names[2:]]):
+        path = tmp_path / "log.csv"
+        path.write_text(",".join(dict.fromkeys(header)) + "\n")
+        assert platforms.of_log(path) == platform
+
+
+def test_platform_of_no_file(tmp_path):
+    for path in (tmp_path / "missing.csv", tmp_path):
+        with pytest.raises(UserError, match=f"{path.name}: cannot be opened"):
+            platforms.of_log(path)
+
+
 def test_other_platforms_log(read):
     with pytest.raises(UserError, match=r"log\.csv:1: column 'px' is missing"):
         read(table("fwmav"))

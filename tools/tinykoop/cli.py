@@ -78,7 +78,8 @@ def parser():
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
     gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
-    gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help=f"{', '.join(PLATFORMS)}, or the TOML file of your own (docs/own-robot.md)")
+    whose = f"{', '.join(PLATFORMS)}, or the TOML file of your own (docs/own-robot.md)"
+    gap.add_argument("--robot", "--platform", metavar="ROBOT", help=f"{whose}; default: the platform that the columns tell")
     gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
     robot = commands.add_parser("robot", help="a robot of your own: begin its file, check it against a log (docs/own-robot.md)")
@@ -88,7 +89,7 @@ def parser():
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
     effects = commands.add_parser("effects", help="every effect with its formula, parameters, units, bounds and usual size")
-    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{', '.join(PLATFORMS)}, or the TOML file of your own")
+    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{whose}; default: ddr")
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
     blind.add_argument("--platform", choices=PLATFORMS, default="ddr")

@@ -7,6 +7,7 @@ COLUMNS = {  # beside t
     "fwmav": ("gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"),
 }
 COMMANDS = ("v", "omega", "u")
+HEADER = 1 << 16  # characters of the first line that are looked at
 
 
 def sizes(platform):
@@ -21,3 +22,13 @@ def check(platform, *others):
     if platform not in COLUMNS:
         *most, last = *COLUMNS, *others
         raise UserError(f"there is no platform named '{platform}': use {', '.join(most)} or {last}")
+
+
+def of_log(path):
+    """The platform of which the header names the largest share of columns; other files are left to the reader to refuse."""
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            names = {name.strip() for name in file.readline(HEADER).split(",")}
+    except OSError as error:
+        raise UserError(f"{path}: cannot be opened ({error.strerror}); check the path")
+    return max(COLUMNS, key=lambda platform: len(names.intersection(COLUMNS[platform])) / len(COLUMNS[platform]))

@@ -7,6 +7,7 @@ where, advise -> diagnosis (the report) -> page (what people read).
 import sys
 from pathlib import Path
 
+from .. import platforms
 from ..errors import UserError
 from ..results import busy, output_folder, printable, replacing, write_bytes
 from . import own, page, words
@@ -31,12 +32,16 @@ def _arguments(path, fresh, platform, without, healthy):
     return sys.modules[__name__], (log, robot, fresh_log, without)
 
 
-def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
-    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
-    if is_own(platform):
-        return own.run(path, platform, out, fresh, without)
+def run(path, out, fresh=None, robot=None, without=(), healthy=None):
+    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
+
+    robot: a platform, or the TOML file of one's own; without it the columns tell the platform.
+    """
+    robot = platforms.of_log(path) if robot is None else robot
+    if is_own(robot):
+        return own.run(path, robot, out, fresh, without)
     with busy(f"diagnosing {Path(path).name}"):
-        kind, arguments = _arguments(path, fresh, platform, without, healthy)
+        kind, arguments = _arguments(path, fresh, robot, without, healthy)
         out = output_folder(out)
         result = kind.diagnose(*arguments)
     # page and summary count seconds from the first row

@@ -227,6 +227,7 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     advice = advise.advise(search, pairs, blind_to)
     ranked = verdict.ranking(search, fit, proofs)
     report = {
+        "platform": platform.name,
         "verdict": word,
         "effects": _effects(search, fit, proofs, log),
         "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])

@@ -10,6 +10,7 @@ from . import advise, explain, features, measure, noise, verdict, where
 from .fit import active
 from .pieces import FEWEST, Pieces, cut, usual_rows
 from .platform import PLATFORMS
+from .robot import check_effects
 
 FEWEST_ROWS = 60
 ARTEFACT, SURE_ARTEFACT = 0.2, 0.08  # of half a step, to which a lateral skid is the integrator's; at first sight
@@ -200,10 +201,7 @@ def _contributions(search, fit, proofs, starts):
 def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     """The Diagnosis of a log (sim.Log); fresh: another log of the robot, on which nothing is fitted."""
     platform = platform or PLATFORMS["ddr"]()
-    effects = platform.effects()
-    for name in without:
-        if name not in effects:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(effects)}")
+    check_effects(without, platform.effects())
     pieces, found = _explained(platform, log, without, seed)
     fit, search, integrator = found.fit, found.search, pieces.integrator
     starts = measure.starts_of(log)

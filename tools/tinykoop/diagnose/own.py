@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
 from ..results import busy, output_folder, printable, replacing, write_bytes
 from .engine import ahead, judge
 from .engine.finder import Finder
@@ -13,6 +12,7 @@ from .engine.problem import Problem
 from .report.html import html
 from .report.story import story
 from .report.terminal import show
+from .robot import check_effects
 from .robots import check, toml
 from .robots.log import read
 
@@ -118,9 +118,7 @@ def _hidden(problem, finder, fit):
 def diagnose(log, robot, fresh=None, without=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted."""
     problem = Problem.of(robot, log, without)
-    for name in without:
-        if name not in problem.everything:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(problem.everything)}")
+    check_effects(without, problem.everything)
     finder = Finder(problem)
     fit, proofs, left = judge.judge(finder, finder.run())
     word = judge.verdict(fit, proofs, left)

@@ -8,6 +8,7 @@ import numpy as np
 from ... import replay, sim
 from ...errors import UserError
 from ..fit import ALWAYS, active
+from ..robot import check_effects
 from . import advise, evidence, gap, where
 from .baseline import Baseline, of_vehicle, simulated
 from .generic import FEIGNED, SIGNIFICANT, Generic
@@ -123,10 +124,7 @@ def _floor(healthy, yaw):
 def diagnose(log, fresh=None, without=(), own=None):
     """The Diagnosis of a flight (sim.Log); own: a healthy flight of this vehicle, which else is the simulated one."""
     platform = Fwmav()
-    known = sim.effects(platform.name)
-    for name in without:
-        if name not in known:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(known)}")
+    check_effects(without, sim.effects(platform.name))
     healthy = baseline_of(own) if own is not None else simulated()
     shaking, noise, whiten = _shaken(log, healthy)
     if "vibration" in without:

@@ -30,14 +30,12 @@ def parser():
         command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
         return command
 
-    demo = add("demo", "everything: learning, control, ablations, precision study, one gap diagnosis, replay of real logs")
-    demo.add_argument("--log", help="replay this log instead of those in --data")
-    demo.add_argument("--data", default=ROOT.parent / "shared/data", help="folder of real logs")
+    demo = add("demo", "everything: learning, control, ablations, precision study, one gap diagnosis")
+    demo.add_argument("--log", help="replay this log, too")
     add("learn", "one-step learning of the DDR, the paper's table")
     add("control", "Koopman-MPC tracking of the DDR, the paper's table")
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
-    flights = ROOT.parent / "shared/data/flapper"
-    transfer.add_argument("--data", type=Path, default=flights if flights.is_dir() else None, help="folder of real flights, pitch*.csv and yaw*.csv")
+    transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     add("windup", "float32 against float64 for every dictionary, regulator and form")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
@@ -145,7 +143,7 @@ def dispatch(a):
     if a.command == "demo":
         from . import demo
 
-        demo.run(a.out, a.data, a.log)
+        demo.run(a.out, a.log)
     elif a.command == "fly":
         from . import fly
 

@@ -9,14 +9,14 @@ from .results import console, output_folder
 
 
 def gap(out):
-    """Diagnoses a drive of a robot whose wheels lag, and which begins to slip half-way; a second drive checks it.
+    """Diagnoses a drive of a robot whose wheels lag, and which begins to slip half-way; a second one, slipping all along, checks it.
 
     The robot is our own simulator's, so this shows the tool and proves nothing: `make blind` does.
     """
     folder, dt, rows = output_folder(Path(out) / "diagnose"), 0.05, 2000
     random = np.random.default_rng(7)
-    robot = [sim.Effect("actuator_lag", (0.25,)), sim.usual_effect("pacejka_slip", 50.0)]
-    for name in ("drive", "fresh"):
+    for name, onset in (("drive", 50.0), ("fresh", 0.0)):
+        robot = [sim.Effect("actuator_lag", (0.25,)), sim.usual_effect("pacejka_slip", onset)]
         u = np.repeat(random.uniform((-0.3, -1.0), (2.0, 1.0), (rows // 40, 2)), 40, axis=0)
         x = sim.simulate(u[:-1], dt, active=robot, integrator=sim.ARC)
         sim.write_log(folder / f"{name}.csv", x + random.normal(0, 0.005, x.shape), u, dt)

@@ -6,7 +6,7 @@ import numpy as np
 
 from .. import sim
 from ..errors import UserError
-from . import advise, explain, features, measure, noise, verdict, where
+from . import advise, elsewhere, explain, features, measure, noise, verdict, where
 from .fit import active
 from .pieces import FEWEST, Pieces, cut, usual_rows
 from .platform import PLATFORMS
@@ -274,13 +274,15 @@ def in_log_time(report, t0):
 
 
 def _add_fresh(result, platform, integrator, fresh, seed):
-    """The same fitted model on another log: only the noise is measured there."""
-    pieces = Pieces(platform, fresh, integrator)
+    """The same fitted model on another log: only the noise is measured there, and whether that acts which came or went."""
+    pieces, effects = Pieces(platform, fresh, integrator), platform.effects()
     pieces.set_noise(noise.third_differences(fresh))
-    noise.estimate(pieces, active(result.fit.causes))
-    sensor = noise.for_floor(pieces, features.Generic(pieces, active(result.fit.causes)))
+    carried = elsewhere.carry(result.fit.causes, effects, (result.log, fresh), lambda causes: pieces.cost(active(causes)))
+    causes = elsewhere.acting(carried)
+    noise.estimate(pieces, active(causes))
+    sensor = noise.for_floor(pieces, features.Generic(pieces, active(causes)))
     starts = measure.starts_of(fresh)
-    parts = [measure.windows(platform, fresh, integrator, causes, starts) for causes in ((), result.fit.causes)]
+    parts = [measure.windows(platform, fresh, integrator, some, starts) for some in ((), causes)]
     least = measure.floor(sensor, fresh, starts)
-    result.report["fresh"] = {"gap": measure.summary(*parts, least, seed)}
+    result.report["fresh"] = {"gap": measure.summary(*parts, least, seed), "effects": elsewhere.told(carried, effects)}
     result.fresh_log, result.fresh_errors = fresh, (*parts, least)

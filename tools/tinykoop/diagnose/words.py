@@ -3,6 +3,7 @@
 import math
 
 from .. import results, sim
+from .elsewhere import AT_END
 from .noise import LIGHT
 
 SURE = 0.9  # a confidence below is said beside the verdict
@@ -376,24 +377,38 @@ def tried(report, size=length, at=horizon):
 
 
 def fresh(report, size=length, at=horizon):
+    """What the same model does on the fresh log, and what of it was taken to act there."""
+    return [_on_fresh(report, size, at), *_carried(report)] if "fresh" in report else []
+
+
+def _carried(report):
+    """When effects of a part of the log act on the fresh one, and how large one grows that grows with time."""
+    said, there = [], {effect["name"]: effect for effect in report["fresh"].get("effects", ())}
+    for effect in report["effects"]:
+        name, on = title(effect["name"]), there.get(effect["name"])
+        if on and (acts(effect, report) != "whole log" or not on["acts"]):
+            how = "to act all along" if on["acts"] else "not to act"
+            said.append(f"{capital(name)} acts in a part of this log; on the fresh log it is taken {how}, which fits better.")
+        if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
+            said.append(f"On the fresh log {name} is taken to grow as fast, to {percent_of(on['params'][AT_END])} at its end.")
+    return said
+
+
+def _on_fresh(report, size, at):
     """What the same model does on the fresh log, in one sentence."""
-    if "fresh" not in report:
-        return []
     gap, size = judged(report["fresh"]["gap"], report, size)
     key = at(gap)
     if key is None:
-        return ["The fresh log is too broken up to measure the gap."]
+        return "The fresh log is too broken up to measure the gap."
     before, after, least = sizes(gap, key, size)
     part = real(gap["closed_fraction"][key])
     if not report["effects"]:
-        return [f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."]
+        return f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."
     if not math.isfinite(part):
-        return [f"On the fresh log the gap is about the noise ({before} against {least})."]
+        return f"On the fresh log the gap is about the noise ({before} against {least})."
     if part < 0:
-        return [f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."]
-    return [
-        f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({shrinks(gap, key, report, size)})."
-    ]
+        return f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."
+    return f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({shrinks(gap, key, report, size)})."
 
 
 # ---- details -------------------------------------------------------------------------------------

@@ -75,7 +75,7 @@ def parser():
 
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
     gap.add_argument("log")
-    gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
+    gap.add_argument("--fresh", help="another log of the same robot: the result is tried on it, with nothing fitted again")
     whose = f"{', '.join(PLATFORMS)}, or the TOML file of your own (docs/own-robot.md)"
     gap.add_argument("--robot", "--platform", metavar="ROBOT", help=f"{whose}; default: the platform that the columns tell")
     gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")

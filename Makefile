@@ -40,7 +40,7 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis, real logs (LOG=x.csv for yours)
+demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too)
 	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)")
 
 test: build c-tests ## every test that needs no cross toolchain

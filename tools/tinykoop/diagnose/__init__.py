@@ -7,11 +7,13 @@ where, advise -> diagnosis (the report) -> page (what people read).
 import sys
 from pathlib import Path
 
+from .. import platforms
 from ..errors import UserError
 from ..results import busy, output_folder, printable, replacing, write_bytes
 from . import own, page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
+from .robots import is_own
 
 __all__ = ["diagnose", "in_log_time", "load", "page", "run", "words"]
 
@@ -32,14 +34,16 @@ def _arguments(path, fresh, platform, without, healthy):
     return sys.modules[__name__], (log, robot, fresh_log, without)
 
 
-def run(path, out, fresh=None, platform="ddr", without=(), healthy=()):
-    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
-    if platform.endswith(".toml"):
-        return own.run(path, platform, out, fresh, without, healthy)
-    if platform not in (*PLATFORMS, "fwmav"):
-        raise UserError(f"--robot {platform}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
+def run(path, out, fresh=None, robot=None, without=(), healthy=()):
+    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
+
+    robot: a platform, or the TOML file of one's own; without it the columns tell the platform.
+    """
+    robot = platforms.of_log(path) if robot is None else robot
+    if is_own(robot):
+        return own.run(path, robot, out, fresh, without, healthy)
     with busy(f"diagnosing {Path(path).name}"):
-        kind, arguments = _arguments(path, fresh, platform, without, healthy)
+        kind, arguments = _arguments(path, fresh, robot, without, healthy)
         out = output_folder(out)
         result = kind.diagnose(*arguments)
     # page and summary count seconds from the first row

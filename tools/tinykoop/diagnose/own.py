@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
 from ..results import busy, output_folder, printable, replacing, write_bytes
 from .engine import ahead, judge
 from .engine.finder import Finder
@@ -13,6 +12,7 @@ from .engine.problem import Problem
 from .report.html import html
 from .report.story import story
 from .report.terminal import show
+from .robot import check_effects
 from .robots import check, toml
 from .robots.log import joined, read
 
@@ -134,9 +134,7 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
     before = _healthy(healthy, robot)
     problem = Problem.of(robot, log, without, before)
-    for name in without:
-        if name not in problem.everything:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(problem.everything)}")
+    check_effects(without, problem.everything)
     finder = Finder(problem)
     fit, proofs, left = judge.judge(finder, finder.run())
     order = sorted(range(len(proofs)), key=lambda i: -proofs[i].gain)

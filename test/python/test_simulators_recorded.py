@@ -172,3 +172,5 @@ def test_a_robot_s_file_needs_no_simulator_beside_a_run(car, tmp_path):
     assert without.returncode == 2 and without.stderr.count("\n") == 1 and "has no [simulator]; name it there, or give" in without.stderr
     other = tinykoop("diagnose", "car.csv", "--sim", "sim.csv", "--out", "out")
     assert other.returncode == 2 and "--sim: only for a robot of one's own; add --robot ROBOT.toml" in other.stderr
+    several = tinykoop("diagnose", "car.csv", "car.csv", "--robot", "car.toml", "--sim", "sim.csv", "--out", "out")
+    assert several.returncode == 2 and "--sim: a run under the commands of one log; give one log" in several.stderr

@@ -9,6 +9,7 @@ from . import openset
 from .finder import ALIKE
 
 SAME = 6.0  # of cost, by which two explanations may differ and still be one class
+TINY = 0.05  # of the usual size: what is less is significant perhaps, but does not matter
 MOVES = 0.25  # of its size, by which a cause may move when generic pushes enter, and still be established
 ORDER = (
     "parameter",
@@ -62,7 +63,7 @@ def _rivals(finder, fit, i):
             best[c.name] = abs(cosine), c
     base = problem.fit_of(rest)
     close = sorted(best.values(), key=lambda b: -b[0])[:4]
-    trials = [finder.add(base, (c,)) for cosine, c in close if cosine > ALIKE - 0.03]
+    trials = [finder.refine(finder.add(base, (c,))) for cosine, c in close if cosine > ALIKE - 0.03]
     return [t for t in trials if t.cost < fit.cost + SAME]
 
 
@@ -115,9 +116,15 @@ def judge(finder, fit):
     return fit, proofs, left
 
 
-def verdict(fit, proofs, left):
-    """The word of the contract."""
-    if not fit.causes:
+def is_small(finder, cause):
+    """Whether all parameters of a cause are a small part of their usual sizes."""
+    spec = finder.problem.effects[cause.name].parameters
+    return all(abs(v) < TINY * abs(p.usual) for v, p in zip(cause.params, spec))
+
+
+def verdict(proofs, left):
+    """The word of the contract, of the Proofs of what matters."""
+    if not proofs:
         return "unknown" if left.matters else "none"
     if not left.matters:
         return "known"

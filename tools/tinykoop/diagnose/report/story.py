@@ -61,10 +61,12 @@ def sentence(report):
     """The verdict in one sentence."""
     named = words.listed(effect_text(e) for e in report["effects"])
     name, gap = _first_gap(report)
+    since = report["healthy"]["logs"] > 0
     if report["verdict"] == "none":
-        return f"The simulator explains this log down to its noise: {fall(name, gap)}."
+        what = "Nothing has changed since the healthy logs" if since else "The simulator explains this log down to its noise"
+        return f"{what}: {fall(name, gap)}."
     if report["verdict"] == "known":
-        return f"What the simulator lacks: {named}. {words.capital(fall(name, gap))}."
+        return f"What {'has changed since the healthy logs' if since else 'the simulator lacks'}: {named}. {words.capital(fall(name, gap))}."
     if report["verdict"] == "partly":
         return f"Part of the gap is {named}; something more is left. {words.capital(fall(name, gap))}."
     return f"The simulator lacks something that none of the effects explains: {fall(name, gap)}."
@@ -80,6 +82,8 @@ def asides(report):
             said.append(f"{effect['name']} is {words.percent(effect['confidence'])} sure.")
     for effect in report["best_fit"][:1]:
         said.append(f"The best fit, which is not believed: {words.listed(effect_text(e) for e in report['best_fit'])}.")
+    if report["small"]:
+        said.append(f"Significant, but too small to matter: {words.listed(effect_text(e) for e in report['small'])}.")
     left = report["unexplained"]
     if left["depends_on"]:
         said.append(

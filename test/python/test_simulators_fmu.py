@@ -455,4 +455,5 @@ def test_the_example_from_its_source_to_its_report(tmp_path):
     assert report["verdict"] == "known" and [e["name"] for e in report["effects"]] == ["parameter:load_inertia"]
     assert abs(report["effects"][0]["params"]["change"] / 0.009 - 1) < 0.05
     assert report["log"]["rows"] == 2000 and report["passes"] <= 200
+    assert not report["time_step"]["matters"]  # the FMU's own steps are short
     assert report["gap"]["closed_fraction"]["50"] > 0.9 and "parameter:load_inertia" in said

@@ -1,11 +1,12 @@
 """The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..results import busy, output_folder, printable, replacing, write_bytes
+from .elsewhere import AT_END
 from .engine import ahead, judge
 from .engine.finder import Finder
 from .engine.problem import Problem
@@ -180,13 +181,20 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
     return result
 
 
+def _as_fast(causes, effects, ratio):
+    """Causes on a log that lasts `ratio` times as long: what is lost by the end is lost at the same rate."""
+    scaled = lambda c: tuple(v * ratio if p.name == AT_END else v for v, p in zip(c.params, effects[c.name].parameters))  # noqa: E731
+    return tuple(replace(c, params=scaled(c)) for c in causes)
+
+
 def _add_fresh(result, robot, fresh, fit):
     """The same causes on another log: only its starts are looked for there."""
     other = Problem.of(robot, fresh, before=result.problem.before)
     other.sigma = result.problem.sigma
-    other.linearise(fit.causes)
+    causes = _as_fast(fit.causes, other.everything, np.ptp(fresh.t) / np.ptp(result.problem.log.t))
+    other.linearise(causes)
     looked = ahead.Ahead(other)
-    before, after, floor = looked.errors(()), looked.errors(fit.causes), looked.floor()
+    before, after, floor = looked.errors(()), looked.errors(causes), looked.floor()
     gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
     result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps}
 

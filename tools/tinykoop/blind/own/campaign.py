@@ -52,7 +52,7 @@ def draw(plant, tier, seed, k):
     order = random.Random(f"{plant.NAME} {tier} {seed}").sample(list(sizes), len(sizes))
     names = {"none": (), "pair": _pair(plant, chance)}.get(tier, (order[k % len(order)],))
     effects = {name: _drawn(plant, sizes, name, chance) for name in names}
-    without = [a for name in names for a in (name, *plant.ALIKE.get(name, ()))] if tier == "left_out" else []
+    without = sorted({a for name in names for a in (name, *plant.ALIKE.get(name, ()))}) if tier == "left_out" else []
     return {"tier": tier, "effects": effects, "without": without}, [plant.columns(row) for row in drive(plant, effects, chance)]
 
 

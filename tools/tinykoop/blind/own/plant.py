@@ -49,7 +49,7 @@ def actuators(names, effects, dt, seconds):
         for effect, size in effects.items():
             kind, _, signal = effect.partition(":")
             if signal in (name, "all"):
-                mine[kind] = size
+                mine[kind] = mine.get(kind, 0.0) + size
         made.append(Actuator(mine, dt, seconds))
     return made
 

@@ -10,6 +10,9 @@ from .finder import ALIKE
 
 SAME = 6.0  # of cost, by which two explanations may differ and still be one class
 TINY = 0.05  # of the usual size: what is less is significant perhaps, but does not matter
+EXPLAINS = 0.75  # of the misfit above the noise, which causes must take away beside something that is left
+OWN = 0.2  # of it, that each of them must
+DOUBT = 0.85  # of a confidence stays where something is left
 MOVES = 0.25  # of its size, by which a cause may move when generic pushes enter, and still be established
 ORDER = (
     "parameter",
@@ -101,17 +104,17 @@ def judge(finder, fit):
     left = openset.left(finder.problem, fit, J)
     moved = _moved(finder, fit, J) if fit.causes else []
     proofs, at = [], 0
+    most = max(finder.base.cost - finder.problem.degrees, 1e-9)
+    explains = (finder.base.cost - fit.cost) / most > EXPLAINS
     for i, cause in enumerate(fit.causes):
         rest = finder.refine(finder.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3)
         gain = max(rest.cost - fit.cost, 0.0)
         count = len(cause.params)
-        established = not left.matters or (
-            moved[at : at + count].max() < MOVES and gain > 0.2 * (finder.base.cost - finder.problem.degrees)
-        )
+        established = not left.matters or (explains and moved[at : at + count].max() < MOVES and gain > OWN * most)
         at += count
         sure = float(stats.norm.cdf((gain / max(fit.cost / finder.problem.degrees, 1.0) - finder.price) / (2 * np.sqrt(finder.price))))
         proofs.append(
-            Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (1.0 if established else 0.5), others[i], bool(established))
+            Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (DOUBT if left.matters else 1.0), others[i], bool(established))
         )
     return fit, proofs, left
 

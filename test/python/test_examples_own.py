@@ -221,3 +221,28 @@ def test_the_simulator_misses_each_effect_at_its_weakest_by_several_times_the_no
     plain, windows = missed({})
     for name, sizes in (plant.KNOWN | plant.UNKNOWN).items():
         assert missed({name: weakest(name, sizes)})[0] > plain + 4**2 * windows, name
+
+
+class Integrator:
+    """A plant that is easy to follow: its one command is the rate of its one state, and nothing has noise."""
+
+    NAME, DT, ROWS, COMMANDS, SENSORS = "integrator", 0.02, 60, ("rate",), (("place", 0, 0.0),)
+    start = staticmethod(lambda chance: [0.0])
+    commands = staticmethod(lambda chance: lambda t, seen: [1.0 if t > 0.199 else 0.0])
+    advance = staticmethod(lambda effects: lambda x, u, h: [x[0] + h * u[0]])
+
+
+@pytest.mark.parametrize("late", [0.0373, 0.0011, 0.02])
+def test_delays_of_a_plant_are_as_long_as_they_say(late):
+    """The command steps up at 0.2 s, so that the place grows by a second a second from then on."""
+    t, plain = np.array(drive(Integrator, {}, random.Random(1)))[:, :2].T
+    np.testing.assert_allclose(plain, np.maximum(t - 0.2, 0), atol=1e-12)
+    for effect in ("delay:rate", "sensor_delay:place"):
+        seen = np.array(drive(Integrator, {effect: late}, random.Random(1)))[:, 1]
+        np.testing.assert_allclose(seen[14:], t[14:] - 0.2 - late, atol=1e-12)
+
+
+def test_a_rate_limit_of_a_plant_is_a_ramp():
+    """To 1 at 4 a second: the place stays behind by half of what the ramp takes, 0.125 s, but for the last short step."""
+    t, seen = np.array(drive(Integrator, {"rate_limit:rate": 4.0}, random.Random(1)))[:, :2].T
+    np.testing.assert_allclose(seen[24:], t[24:] - 0.2 - 0.125, atol=2e-5)

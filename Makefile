@@ -40,7 +40,7 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis, real logs (LOG=x.csv for yours)
+demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too)
 	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)")
 
 test: build c-tests ## every test that needs no cross toolchain
@@ -66,9 +66,9 @@ ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: abla
 windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
 	@$(TINYKOOP) windup
 
-diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, PLATFORM=ddr or fwmav): diagnose/report.json, report.html
-	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [PLATFORM=fwmav]" >&2; exit 2; }
-	@$(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(PLATFORM),--platform "$(PLATFORM)")
+diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr, fwmav or your own bot.toml): diagnose/report.json, report.html
+	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [ROBOT=fwmav]" >&2; exit 2; }
+	@$(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(ROBOT)$(PLATFORM),--robot "$(or $(ROBOT),$(PLATFORM))")
 
 # What the blind check needs beside the diagnoser: its peers, and a way to all cores.
 $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
@@ -76,8 +76,14 @@ $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-blind.txt -r tools/requirements-peers.txt
 	@touch $@
 
-blind: build $(VENV)/blind-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=, PLATFORM=fwmav): blind.json
-	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
+# Simulators that robots of one's own may have.
+$(VENV)/simulators-ready: tools/requirements-simulators.txt $(VENV)/ready
+	@echo "Simulators of robots of one's own ..."
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-simulators.txt
+	@touch $@
+
+blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
+	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
 
 study: build ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
 	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")

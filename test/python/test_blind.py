@@ -128,6 +128,20 @@ def test_label_says_what_the_log_holds():
         assert tiers.gap(x, u, label["dt"])[h] == pytest.approx(both, rel=0.1)
 
 
+@pytest.mark.parametrize("name", ["speed_gain", "battery_sag"])
+def test_effect_that_switches_acts_on_the_fresh_log_all_along(name):
+    """What is left of the fresh log with it is noise, though it switched on the log; a battery sags as fast on both."""
+    k = next(k for k in range(17) if tiers.members("switch", 3, k) == [name])
+    label, _, (x, u) = tiers.draw("switch", 3, k)
+    (cause,) = label["causes"]
+    assert 0 < cause["t0"] < cause["t1"] < (len(x) - 1) * label["dt"]
+    (size,) = cause["parameters"].values()
+    faster = (len(x) - 1) * label["dt"] / (cause["t1"] - cause["t0"]) if name == "battery_sag" else 1
+    left = tiers.gap(x, u, label["dt"], active=[sim.Effect(name, (size * faster,))])
+    assert left["50"] == pytest.approx(label["fresh"]["floor"]["50"], rel=0.03)
+    assert label["fresh"]["gap"]["50"] > 2 * left["50"]
+
+
 def tiers_index(name, seed):
     return next(k for k in range(17) if tiers.members("single", seed, k) == [name])
 

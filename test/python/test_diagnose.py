@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 from tinykoop import sim
-from tinykoop.diagnose import diagnose, measure, noise, phases, verdict, words
+from tinykoop.diagnose import diagnose, elsewhere, measure, noise, phases, verdict, words
 from tinykoop.diagnose.features import Generic
 from tinykoop.diagnose.fit import Cause, Fitter
 from tinykoop.diagnose.noise import estimate, third_differences
@@ -640,6 +640,60 @@ def test_fresh_log(name):
         _, off = sim.windows(fresh.x, u, DT, range(50, SHORT - 50), [1, 10, 50], active, integrator=sim.ARC)
         for H, expected in zip(("1", "10", "50"), np.sqrt((off[..., :2] ** 2).sum(-1).mean(0))):
             assert gap[key][H] == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("acts", [True, False], ids=["still there", "gone"])
+def test_effect_of_a_part_acts_on_a_fresh_log_all_along_or_not_at_all(acts):
+    """The fresh log is shorter than the log was when the effect set in."""
+    late = sim.Effect("yaw_gain", sim.usual_effect("yaw_gain").parameters, 31.0)
+    there = usual("yaw_gain") if acts else []
+    fresh = log_of(drive(500, 7), there, seed=3)
+    report = diagnose(log_of(drive(LONG, 6), [late]), fresh=fresh).report
+    (effect,) = report["fresh"]["effects"]
+    assert (effect["name"], effect["acts"], effect["params"]) == ("yaw_gain", acts, report["effects"][0]["params"])
+    found = [sim.Effect("yaw_gain", tuple(effect["params"].values()))] if acts else []
+    _, off = sim.windows(fresh.x, fresh.u, DT, range(450), [50], found, integrator=sim.ARC)
+    assert report["fresh"]["gap"]["after"]["50"] == pytest.approx(np.sqrt((off[..., :2] ** 2).sum(-1).mean()), rel=0.03)
+    assert report["fresh"]["gap"]["after"]["50"] < 1.1 * report["fresh"]["gap"]["noise_floor"]["50"]
+    said = " ".join(words.asides(report))
+    assert f"on the fresh log it is taken {'to act all along' if acts else 'not to act'}" in said
+
+
+def test_battery_sags_as_fast_on_a_fresh_log_of_another_length():
+    loss, rows = 0.2, 500
+    fresh = log_of(drive(rows, 7), [sim.Effect("battery_sag", (loss * (rows - 1) / (LONG - 1),))], seed=3)
+    report = diagnose(log_of(drive(LONG, 6), [sim.Effect("battery_sag", (loss,))]), fresh=fresh).report
+    assert effects_of(report)["battery_sag"]["params"]["loss_at_end"] == pytest.approx(loss, rel=0.02)
+    assert report["fresh"]["effects"][0]["params"]["loss_at_end"] == pytest.approx(loss * (rows - 1) / (LONG - 1), rel=0.02)
+    assert report["fresh"]["gap"]["closed_fraction"]["50"] > 0.9
+    assert "taken to grow as fast, to 8.3 % at its end" in " ".join(words.asides(report))
+
+
+def test_loss_on_a_fresh_log_goes_with_the_time_it_acted_and_stays_in_bounds():
+    def carried(segments, own, other, loss=0.1):
+        logs = [as_log(np.zeros((rows, 3)), np.zeros((rows, 2)), dt=0.1) for rows in (own, other)]
+        ((cause, acts),) = elsewhere.carry([Cause("battery_sag", (loss,), segments)], Ddr().effects(), logs, lambda causes: -len(causes))
+        assert acts and cause.segments == ((-np.inf, np.inf),)
+        return cause.params[0]
+
+    assert carried(((-np.inf, np.inf),), 201, 201) == 0.1
+    assert carried(((-np.inf, np.inf),), 201, 101) == pytest.approx(0.05)
+    assert carried(((5.0, 15.0),), 201, 101) == pytest.approx(0.1)
+    assert carried(((12.0, np.inf),), 201, 201) == pytest.approx(0.25)
+    assert carried(((5.0, 6.0),), 201, 1001) == 0.9
+
+
+def test_every_effect_of_a_part_is_tried_on_and_off_on_a_fresh_log():
+    causes = [Cause("speed_gain", (0.1,), ((1.0, 2.0),)), Cause("yaw_bias", (0.1,)), Cause("yaw_gain", (0.1,), ((3.0, np.inf),))]
+    tried, log = [], as_log(np.zeros((100, 3)), np.zeros((100, 2)))
+
+    def cost(some):
+        tried.append({c.name for c in some})
+        return len({"speed_gain"} ^ tried[-1])
+
+    carried = elsewhere.carry(causes, Ddr().effects(), (log, log), cost)
+    assert [acts for _, acts in carried] == [True, True, False]
+    assert len(tried) == 4 and all("yaw_bias" in names for names in tried)
 
 
 @pytest.mark.parametrize("name", VOCABULARY)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop import cli, sim
+from tinykoop.diagnose.robots import new
 
 DT, ROWS = 0.05, 300
 SLOWEST = 40.0  # s for one small log, on a machine that does other things too
@@ -147,9 +148,45 @@ def test_folder_that_cannot_be_written(tinykoop, tmp_path):
     refused(tinykoop(good, "--out", good / "below"), "good.csv")
 
 
-def test_unknown_name_in_without(tinykoop, tmp_path):
+def logs_of_every_robot(folder):
+    """{arguments of `tinykoop diagnose`: effects that can be taken out}."""
+    log = sim.fwmav("pitch", 7, 1)[0]
+    sim.write_log(folder / "flight.csv", log.x, log.u, log.dt, "fwmav")
+    drove = write(folder / "drive.csv", poses(drive()), drive())
+    (folder / "own.csv").write_text(drove.read_text().replace("t,px,py,theta,v,omega", "t,x,y,yaw,v_cmd,w_cmd"))
+    (folder / "own.toml").write_text(new.TOML.format(name="own"))
+    (folder / "own.py").write_text(new.PYTHON.format(name="own"))
+    return {
+        (drove,): set(sim.effects()) - {"measurement_noise"},
+        (folder / "flight.csv",): set(sim.effects("fwmav")),
+        (folder / "own.csv", "--robot", folder / "own.toml"): {"lag:speed", "delay:all", "clock", "sensor_bias:px", "drift:yaw"},
+    }
+
+
+@pytest.mark.parametrize("name", ["speed_gian", "", "speed_gain,yaw_gain"])
+def test_unknown_name_in_without_is_answered_with_all_names(name, tinykoop, tmp_path):
+    for arguments, effects in logs_of_every_robot(tmp_path).items():
+        status, error, _ = tinykoop(*arguments, "--without", name)
+        assert status == 2 and error.startswith(f"tinykoop: --without '{name}'") and error.count("\n") == 1, error
+        assert effects <= set(error.strip().split("there are ")[1].split(", ")), error
+
+
+@pytest.mark.parametrize("option", ["--robot", "--platform"])
+@pytest.mark.parametrize("name", ["bicycle", "", "car.tml"])
+def test_unknown_platform(option, name, tinykoop, tmp_path):
     good = write(tmp_path / "good.csv", poses(drive()), drive())
-    refused(tinykoop(good, "--without", "speed_gian"), "speed_gian")
+    refused(tinykoop(good, option, name), f"'{name}'", "ddr", "fwmav", "TOML file")
+
+
+def test_columns_tell_the_platform_unless_it_is_given(tinykoop, tmp_path):
+    log, imu = sim.fwmav("pitch", 2, 1)[0], np.zeros(ROWS)
+    flight = tmp_path / "flight.csv"
+    sim.write_log(flight, log.x, log.u, log.dt, "fwmav")
+    refused(tinykoop(flight), "flight.csv", "record 6 s at least")
+    for option in ("--platform", "--robot"):
+        refused(tinykoop(flight, option, "ddr"), "flight.csv", "'px'", "ddr")
+    with_imu = write(tmp_path / "log.csv", poses(drive()), drive(), gx=imu, gy=imu, gz=imu)
+    assert tinykoop(with_imu)[2]["platform"] == "ddr"
 
 
 def test_everything_taken_out(tinykoop, tmp_path):

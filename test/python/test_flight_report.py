@@ -87,6 +87,19 @@ def test_page_of_every_kind_of_report(trim, kind):
         assert said in reader.text
 
 
+def test_effect_that_sets_in_acts_on_a_fresh_flight_all_along(trim):
+    (effect,) = trim.report["fresh"]["effects"]
+    assert effect == {"name": "trim_bias", "params": trim.report["effects"][0]["params"], "acts": True}
+    assert trim.report["fresh"]["gap"]["closed_fraction"]["50"] > 0.5
+    assert "on the fresh log it is taken to act all along" in read(trim).text
+
+
+def test_effect_that_set_in_is_left_out_of_a_healthy_fresh_flight():
+    report = diagnose(sim.fwmav("pitch", SECONDS, 21, [sim.Effect("trim_bias", TRIM, FROM)])[0], sim.fwmav("pitch", 8, 23)[0]).report
+    assert [(e["name"], e["acts"]) for e in report["fresh"]["effects"]] == [("trim_bias", False)]
+    assert report["fresh"]["gap"]["after"] == report["fresh"]["gap"]["before"]
+
+
 def test_page_says_what_was_done_to_the_flight(trim):
     report, text = trim.report, read(trim).text
     assert report["verdict"] == "known" and "(trim bias)" in words.sentence(report)

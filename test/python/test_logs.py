@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import sim
+from tinykoop import platforms, sim
 from tinykoop.errors import UserError
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
@@ -315,9 +315,33 @@ def test_long_path_does_not_crowd_out_the_reason(tmp_path):
         sim.read_log(folder / "log.csv")
 
 
-def test_unknown_platform(tmp_path):
-    with pytest.raises(UserError, match="submarine.*ddr.*fwmav"):
-        sim.read_log(tmp_path / "a.csv", "submarine")
+def test_unknown_platform_is_refused_by_the_reader_and_by_the_tools_alike(tmp_path):
+    for refusal in (lambda: sim.read_log(tmp_path / "a.csv", "submarine"), lambda: platforms.check("submarine")):
+        with pytest.raises(UserError, match=f"'submarine': use {' or '.join(COLUMNS)}$"):
+            refusal()
+
+
+@pytest.mark.parametrize("platform", COLUMNS)
+def test_tools_know_the_columns_of_the_reader(platform):
+    assert ["t", *platforms.COLUMNS[platform]] == COLUMNS[platform].split(",")
+    assert platforms.sizes(platform)[0] == LOG_STATES[platform]
+
+
+@pytest.mark.parametrize("platform", COLUMNS)
+@pytest.mark.parametrize("more", [[], ["gx", "u"], ["px", "v"], ["imu_gx", "pitch", "roll"]], ids=" ".join)
+def test_columns_tell_the_platform(tmp_path, platform, more):
+    """Others beside them do not, and the order, blanks and a byte order mark do not matter."""
+    names = COLUMNS[platform].split(",")
+    for header in (names + more, [*more, *reversed(names)], [f" {name} " for name in names], ["\ufeff" + names[1], *names[2:]]):
+        path = tmp_path / "log.csv"
+        path.write_text(",".join(dict.fromkeys(header)) + "\n")
+        assert platforms.of_log(path) == platform
+
+
+def test_platform_of_no_file(tmp_path):
+    for path in (tmp_path / "missing.csv", tmp_path):
+        with pytest.raises(UserError, match=f"{path.name}: cannot be opened"):
+            platforms.of_log(path)
 
 
 def test_other_platforms_log(read):
@@ -330,7 +354,7 @@ def test_other_platforms_log(read):
 COMMA = textwrap.dedent("""
     import locale, sys
     import numpy as np
-    from tinykoop import sim
+    from tinykoop import platforms, sim
 
     locale.setlocale(locale.LC_NUMERIC, "comma")
     assert locale.localeconv()["decimal_point"] == ","
@@ -362,7 +386,7 @@ def test_locale_with_a_decimal_comma(tmp_path):
 FUZZ = textwrap.dedent(r"""
     import sys
     import numpy as np
-    from tinykoop import sim
+    from tinykoop import platforms, sim
     from tinykoop.errors import UserError
 
     folder, seed, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])

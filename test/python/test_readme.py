@@ -100,6 +100,51 @@ def test_assurance_names_files_that_exist():
     assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
+def _figures_of_the_diagnoser():
+    """What docs/diagnose.md says of its constants, as the code has them."""
+    from tinykoop import sim
+    from tinykoop.diagnose import diagnosis, measure, pieces, search, verdict
+    from tinykoop.diagnose.flight import diagnosis as flight
+    from tinykoop.diagnose.flight import gap, innovations
+
+    return [
+        f"pieces of {pieces.SECONDS:g} s ({pieces.ROWS} to {pieces.MOST_ROWS} rows)",
+        f"Of a long log {pieces.MOST:,} rows are used",
+        f"Beyond {sim.LONG:,} rows the states of the actuators are rolled from {sim.WARM_UP:g} s before each piece",
+        f"a lateral skid within {100 * diagnosis.ARTEFACT:g} % of plus or minus dt/2",
+        f"in 1 of {1 / search.FALSE_ALARMS:g} logs",
+        "errors {}, {} and {} steps after a *measured* pose".format(*measure.HORIZONS),
+        f"within {100 * measure.WORTH_A_PERCENTAGE:g} % of the noise floor; a floor",
+        f"(p < {verdict.SIGNIFICANT:.4f})",
+        f"more than {100 * verdict.SMALLEST:.1f} % of the way driven",
+        f"over {100 * verdict.UNEXPLAINED:g} % of the gap, the verdict",
+        f"no effect has a confidence of {diagnosis.BELIEVED:g}",
+        f"over {100 * verdict.ALIAS:g} % of its worth",
+        f"no confidence exceeds {verdict.UNSURE:g}; nor {verdict.MISSHAPEN:g}",
+        f"at {flight.RATE:g} Hz",
+        f"{flight.LEAST_SECONDS:g} s at least",
+        f"autoregression of {innovations.LAGS} rows",
+        f"every fourth block of {gap.BLOCK:g} s",
+        f"more than {flight.WORSE:g} times as wrong",
+        f"over {flight.ANOTHER:g} times the variance",
+        f"Where it changes in mid-flight, {flight.KICKED:g} s on either side",
+    ]
+
+
+def test_page_of_the_diagnoser_is_that_of_its_code():
+    """Its figures, its files and its options."""
+    text = (ROOT / "docs/diagnose.md").read_text()
+    flat, folder = " ".join(text.split()), ROOT / "tools/tinykoop/diagnose"
+    figures = _figures_of_the_diagnoser()
+    assert figures and [figure for figure in figures if figure not in flat] == []
+    files = re.findall(r"`([a-z_/]+(?:\.py|\.c|/))`", text)
+    assert len(files) > 25
+    assert [name for name in files if not any((place / name).exists() for place in (ROOT, folder, folder / "flight"))] == []
+    options = re.findall(r"(?<![\w-])--[a-z]+", text)
+    known = re.findall(r'"(--[a-z]+)"', (ROOT / "tools/tinykoop/cli.py").read_text())
+    assert len(options) > 10 and [option for option in options if option not in known] == []
+
+
 def test_bill_of_materials_is_of_this_version():
     version = re.search(r'KOOP_VERSION "(.*)"', (ROOT / "lib/include/tinykoop.h").read_text())[1]
     bill = json.loads((ROOT / "sbom.spdx.json").read_text())

@@ -39,6 +39,20 @@ def healthy():
     return diagnose(make_log(300, [], 3))
 
 
+@pytest.fixture(scope="module")
+def spot():
+    """A robot that turns on the spot, less than commanded, and a fresh log."""
+    logs = [turning_log(400, seed) for seed in (1, 2)]
+    return diagnose(logs[0], fresh=logs[1])
+
+
+def turning_log(rows, seed):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.2, 1.2, (rows // 20, 1)), 20, axis=0) * (0.0, 1.0)
+    x = sim.simulate(u[:-1], DT, active=[sim.usual_effect("yaw_gain")], integrator=sim.ARC)
+    return sim.Log(np.arange(rows) * DT, x + 0.004 * rng.standard_normal(x.shape), u, np.ones(rows - 1, bool), DT)
+
+
 class Reader(HTMLParser):
     """Collects text and addresses; fails on tags that do not close in order."""
 
@@ -253,6 +267,45 @@ def test_what_is_open_is_said(lag):
     assert "none of the known effects explains it" in words.sentence(report)
     report["effects"] = []
     assert words.sentence(report).startswith("Unknown: the simulator is off by")
+
+
+METRES = re.compile(r"[0-9] m?m\b")
+
+
+def test_gap_of_a_robot_on_the_spot_is_an_angle(spot):
+    assert spot.report["unexplained"]["unit"] == "rad" and spot.report["verdict"] == "known"
+    left = {**spot.report["unexplained"], "gap_m": 0.1, "of_gap_m": 0.2, "smallest_that_matters_m": 0.3}
+    for verdict, matters in (("known", False), ("known", True), ("unknown", True), ("none", False)):
+        for effects in (spot.report["effects"], []):
+            report = changed(spot, verdict=verdict, effects=effects, unexplained=left | {"matters": matters}).report
+            said = " ".join([words.sentence(report), *words.asides(report), *words.unmeasured(report)])
+            assert not METRES.search(said) and " deg" in said, said
+
+
+def test_gap_of_a_robot_on_the_spot_is_that_of_its_heading(spot):
+    """Against the simulator's own predictions; the summary, the first figure and the page say the same."""
+    log = spot.log
+    _, off = sim.windows(log.x, log.u, DT, range(50, len(log.x) - 50), [50], integrator=sim.ARC)
+    before = math.degrees(np.sqrt(np.mean(off[:, 0, 2] ** 2)))
+    heading = spot.report["gap"]["heading_rad"]
+    assert math.degrees(heading["before"]["50"]) == pytest.approx(before, rel=0.05)
+    off, after, least = (heading[part]["50"] for part in ("before", "after", "noise_floor"))
+    assert heading["closed_fraction"]["50"] == pytest.approx((off - after) / (off - min(least, after)))
+    with results.console.capture() as caught:
+        words.print_summary(spot.report, "out/report.html")
+    for text in (words.sentence(spot.report), caught.get(), read(spot).text):
+        assert words.angle(off) in text
+    assert "Gap, heading" in caught.get()
+
+
+@pytest.mark.parametrize("left", [{"matters": False}, {"matters": True, "depends_on": []}], ids=["small", "no trace"])
+def test_what_depends_on_nothing_is_told_in_whole_sentences(lag, left):
+    report = changed(lag, unexplained={**lag.report["unexplained"], **left}).report
+    assert not any("depends" in aside for aside in words.asides(report))
+    report["verdict"] = "unknown"
+    assert words.sentence(report).endswith("; none of the known effects explains what is left.")
+    report["effects"] = []
+    assert words.sentence(report).endswith(" without noise; none of the known effects explains the gap.")
 
 
 def test_no_percentage_near_the_noise(lag):

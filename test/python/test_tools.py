@@ -1,5 +1,6 @@
 """The tinykoop command: results as the contract has them, bad input in one line and exit status 2."""
 
+import argparse
 import json
 import math
 import os
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import control, fit, learn, results, scenario, sim, windup
+from tinykoop import cli, control, fit, learn, results, scenario, sim, windup
 from tinykoop.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -200,6 +201,17 @@ def test_bad_input_is_one_line_and_exit_2(arguments, says, tmp_path):
     assert status == 2
     assert says in error
     assert error.startswith("tinykoop: ") and error.count("\n") == 1
+
+
+def test_no_argument_defaults_to_a_place_outside_the_repository():
+    (commands,) = (action.choices for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))
+    places = {
+        (name, action.dest): Path(action.default)
+        for name, command in commands.items()
+        for action in command._actions
+        if isinstance(action.default, Path) or "/" in str(action.default)
+    }
+    assert places and all(place.is_relative_to(ROOT) for place in places.values()), places
 
 
 def test_results_are_written_whole_or_not_at_all(tmp_path):

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from .errors import UserError
+from .platforms import COLUMNS as PLATFORMS
 from .results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -29,14 +30,12 @@ def parser():
         command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
         return command
 
-    demo = add("demo", "everything: learning, control, ablations, precision study, one gap diagnosis, replay of real logs")
-    demo.add_argument("--log", help="replay this log instead of those in --data")
-    demo.add_argument("--data", default=ROOT.parent / "shared/data", help="folder of real logs")
+    demo = add("demo", "everything: learning, control, ablations, precision study, one gap diagnosis")
+    demo.add_argument("--log", help="replay this log, too")
     add("learn", "one-step learning of the DDR, the paper's table")
     add("control", "Koopman-MPC tracking of the DDR, the paper's table")
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
-    flights = ROOT.parent / "shared/data/flapper"
-    transfer.add_argument("--data", type=Path, default=flights if flights.is_dir() else None, help="folder of real flights, pitch*.csv and yaw*.csv")
+    transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     add("windup", "float32 against float64 for every dictionary, regulator and form")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
@@ -75,22 +74,28 @@ def parser():
     size.add_argument("--target", default="cortex-m4f", help="a folder of targets/ (default cortex-m4f)")
 
     gap = add("diagnose", "the sim-to-real gap of a log: where, which effect, how far it shrinks")
-    gap.add_argument("log")
-    gap.add_argument("--fresh", help="another log of the same robot: the fitted model is tried on it as it is")
-    gap.add_argument("--robot", "--platform", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own (docs/own-robot.md)")
-    gap.add_argument("--healthy", help="fwmav: a healthy flight of the same vehicle, to which the simulator is fitted first")
+    gap.add_argument("log", nargs="+", help="several: one report for each, and one table of all")
+    gap.add_argument("--fresh", help="another log of the same robot: the result is tried on it, with nothing fitted again")
+    whose = f"{', '.join(PLATFORMS)}, or the TOML file of your own (docs/own-robot.md)"
+    gap.add_argument("--robot", "--platform", metavar="ROBOT", help=f"{whose}; default: the platform that the columns tell")
+    gap.add_argument("--healthy", nargs="+", default=[], metavar="LOG", help="logs of the healthy or earlier robot: then, what changed")
+    gap.add_argument("--sim", metavar="SIM.csv", help="TOML file: a run of your simulator under the log's commands, instead of [simulator]")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
+    gap.add_argument("--jobs", type=int, help="of several logs: processes (default: all cores)")
+    gap.add_argument("--cluster", help="of several logs: address of a Dask scheduler that takes the work instead, with the same folders")
     robot = commands.add_parser("robot", help="a robot of your own: begin its file, check it against a log (docs/own-robot.md)")
     what = robot.add_subparsers(dest="what", required=True, metavar="WHAT")
     what.add_parser("new", help="write NAME.toml and NAME.py to begin with").add_argument("name", metavar="NAME")
     check = what.add_parser("check", help="units, signs, wrapping and timing of a log, as the robot's file has them")
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
+    check.add_argument("--sim", metavar="SIM.csv", help="a run of your simulator under the log's commands, instead of [simulator]")
     effects = commands.add_parser("effects", help="every effect with its formula, parameters, units, bounds and usual size")
-    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help="ddr, fwmav, or the TOML file of your own")
+    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{whose}; default: ddr")
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     blind = add("blind", "the diagnoser on generated logs whose effect it is not told")
-    blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr")
+    blind.add_argument("--platform", choices=PLATFORMS, default="ddr")
+    blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: put known effects into this real flight instead")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
     blind.add_argument("--seed", type=int, default=1)
@@ -109,17 +114,17 @@ def parser():
 
     play = add("replay", "a log through the eleven methods, both precisions and forms")
     play.add_argument("log")
-    play.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
 
     when = add("changes", "when something changed, as wind that comes, from the innovations of one log")
     when.add_argument("log")
-    when.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    when.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
 
     summary = "a log of a Crazyflie, PX4 or ROS 2 to the CSV that the other commands read (docs/convert.md)"
     convert = commands.add_parser("convert", help=summary, description=summary)
     convert.add_argument("source", help="log file, or folder of a bag or of a cfclient session")
     convert.add_argument("csv", metavar="OUT.csv", help="file to write")
-    convert.add_argument("--platform", choices=("ddr", "fwmav"), required=True, help="which columns")
+    convert.add_argument("--platform", choices=PLATFORMS, required=True, help="which columns")
     convert.add_argument("--format", choices=("usd", "ulog", "ros2", "crazyflie"), help="default: by what is in the file")
     convert.add_argument("--rate", type=float, metavar="HZ", help="rows a second (default: as the state's slowest part)")
     convert.add_argument(
@@ -131,11 +136,17 @@ def parser():
     fit = commands.add_parser("fit", help="offline model of a log, as a C header or binary for firmware")
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
-    fit.add_argument("--platform", choices=("ddr", "fwmav"), help="default: by the columns")
+    fit.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
     fit.add_argument("--dictionary", choices=("poly", "rbf"), default="rbf")
     fit.add_argument("--precision", type=int, choices=(32, 64), default=32)
     fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation (default 1e4)")
     return main
+
+
+def _options(a):
+    """What a diagnosis of several logs passes on to those of each."""
+    given = [*(("--robot", a.robot) if a.robot else ()), *(("--fresh", str(a.fresh)) if a.fresh else ()), *(("--healthy", *map(str, a.healthy)) if a.healthy else ())]
+    return [*given, *(part for name in a.without for part in ("--without", name))]
 
 
 def dispatch(a):
@@ -143,7 +154,7 @@ def dispatch(a):
     if a.command == "demo":
         from . import demo
 
-        demo.run(a.out, a.data, a.log)
+        demo.run(a.out, a.log)
     elif a.command == "fly":
         from . import fly
 
@@ -174,20 +185,33 @@ def dispatch(a):
         study.run(a.out, study.RUNS if a.runs is None else a.runs)
     elif a.command == "diagnose":
         from . import diagnose
+        from .diagnose import several
 
-        diagnose.run(a.log, a.out / "diagnose" if a.out == OUT else a.out, a.fresh, a.robot, a.without, a.healthy)
+        out = a.out / "diagnose" if a.out == OUT else a.out
+        if len(a.log) == 1:
+            diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim)
+        elif a.sim:
+            raise UserError("--sim: a run under the commands of one log; give one log")
+        else:
+            several.run(a.log, out, _options(a), a.jobs, a.cluster)
     elif a.command == "robot":
         from .diagnose.robots import check, new
 
-        check.run(a.robot, a.log) if a.what == "check" else new.run(a.name)
+        check.run(a.robot, a.log, a.sim) if a.what == "check" else new.run(a.name)
     elif a.command == "effects":
         from .diagnose.robots import effects
 
         effects.run(a.robot, a.log)
     elif a.command == "blind":
         from . import blind
-        from .blind import flights, injected
+        from .blind import flights, injected, own
+        from .blind.own import campaign
 
+        if a.robot:
+            if a.robot not in own.ROBOTS:
+                raise UserError(f"--robot {a.robot}: no plant of its own; there are {', '.join(own.ROBOTS)}")
+            campaign.run(a.out, a.robot, a.n, a.seed, a.cluster, a.jobs)
+            return
         if a.inject:
             if a.platform != "fwmav":
                 raise UserError("--inject: only for flights of the flapping wing; add --platform fwmav")

@@ -7,19 +7,16 @@ import numpy as np
 from . import ablate, control, diagnose, learn, replay, sim, windup
 from .results import console, output_folder
 
-# Real logs that may lie beside the checkout; they are not part of the project.
-REAL_LOGS = ("norlab_drive/warthog_gravel.csv", "flapper/pitch_wind_step_fan500.csv")
-
 
 def gap(out):
-    """Diagnoses a drive of a robot whose wheels lag, and which begins to slip half-way; a second drive checks it.
+    """Diagnoses a drive of a robot whose wheels lag, and which begins to slip half-way; a second one, slipping all along, checks it.
 
     The robot is our own simulator's, so this shows the tool and proves nothing: `make blind` does.
     """
     folder, dt, rows = output_folder(Path(out) / "diagnose"), 0.05, 2000
     random = np.random.default_rng(7)
-    robot = [sim.Effect("actuator_lag", (0.25,)), sim.usual_effect("pacejka_slip", 50.0)]
-    for name in ("drive", "fresh"):
+    for name, onset in (("drive", 50.0), ("fresh", 0.0)):
+        robot = [sim.Effect("actuator_lag", (0.25,)), sim.usual_effect("pacejka_slip", onset)]
         u = np.repeat(random.uniform((-0.3, -1.0), (2.0, 1.0), (rows // 40, 2)), 40, axis=0)
         x = sim.simulate(u[:-1], dt, active=robot, integrator=sim.ARC)
         sim.write_log(folder / f"{name}.csv", x + random.normal(0, 0.005, x.shape), u, dt)
@@ -27,16 +24,15 @@ def gap(out):
     diagnose.run(folder / "drive.csv", folder, folder / "fresh.csv")
 
 
-def run(out, data, log=None):
-    """Learning, control, ablations, precision study and gap diagnosis of the DDR; then the given log, or the real ones."""
+def run(out, log=None):
+    """Learning, control, ablations, precision study and gap diagnosis of the DDR; then a replay of the log, if one is given."""
     learn.run(out)
     control.run(out)
     ablate.run(out)
     windup.run(out)
     gap(out)
-    logs = [log] if log else [Path(data) / name for name in REAL_LOGS if (Path(data) / name).exists()]
-    for path in logs:
-        replay.run_log(path, out)
+    if log:
+        replay.run_log(log, out)
     console.print(
         f"\nResults and plots are in {out}: start with learn_error.png, windup_lanes.png and diagnose/report.html"
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import plots, scenario, sim
+from . import platforms, plots, scenario, sim
 from .errors import UserError
 from .results import number, output_folder, print_table, printable, progress, replacing
 
@@ -25,15 +25,6 @@ NOTHING = "state stays"
 NOMINAL = "unicycle"
 
 
-def detect_platform(path):
-    """ddr or fwmav, by the names in the header; other files are left to the reader to refuse."""
-    try:
-        with open(path, encoding="utf-8", errors="replace") as file:
-            return "fwmav" if "gx" in file.readline() else "ddr"
-    except OSError as error:
-        raise UserError(f"{path}: cannot be opened ({error.strerror}); check the path")
-
-
 def unwrapped(log, platform):
     """The log, its angles without jumps."""
     for column in ANGLES[platform]:
@@ -45,7 +36,7 @@ def unwrapped(log, platform):
 
 def load(path, platform=None):
     """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
-    platform = platform or detect_platform(path)
+    platform = platform or platforms.of_log(path)
     log = unwrapped(sim.read_log(path, platform), platform)
     if log.usable.sum() < MIN_USABLE:
         raise UserError(f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok")

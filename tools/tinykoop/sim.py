@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import platforms
 from .errors import UserError
 from .results import sweep
 
@@ -217,8 +218,7 @@ class Effect:
 
 def effects(platform="ddr"):
     """{name: (block, ((parameter, unit, low, high, usual), ..))} of every effect, in the order of action."""
-    if platform not in _PLATFORM_SIZES:
-        raise UserError(f"there is no platform named '{platform}': use {' or '.join(_PLATFORM_SIZES)}")
+    platforms.check(platform)
     return dict(_effects(platform))
 
 
@@ -721,16 +721,13 @@ class Log:
     dt: float  # s
 
 
-_PLATFORM_SIZES = {"ddr": (3, 2), "fwmav": (10, 1)}
-
-
 def read_log(path, platform="ddr"):
     """Reads a CSV log; a bad one is refused with file, line and column."""
     handle = ct.c_void_p()
     _check("tk_log_read", os.fsencode(path), platform.encode(), ct.byref(handle))
     try:
         K = _call("tk_log_rows", handle)
-        n, m = _PLATFORM_SIZES[platform]
+        n, m = platforms.sizes(platform)
         t, x, u = np.empty(K), np.empty((K, n)), np.empty((K, m))
         usable = np.empty(K - 1, np.int32)
         _check("tk_log_get", handle, _doubles(t), _doubles(x), _doubles(u), _ints(usable))
@@ -742,7 +739,7 @@ def read_log(path, platform="ddr"):
 def write_log(path, x, u, dt, platform="ddr"):
     """Writes states x (K, n) and inputs u (K, m), t = k dt."""
     sweep(path)
-    n, m = _PLATFORM_SIZES[platform]
+    n, m = platforms.sizes(platform)
     x, u = _in(x, n), _in(u, m)
     _check(
         "tk_log_write", os.fsencode(path), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),

@@ -17,20 +17,19 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from .. import sim
 from ..errors import UserError
-from ..results import alone, console, output_folder, progress, remove, write_json
+from ..results import alone, console, output_folder, remove, write_json
+from ..workers import each, workers
 
 N, SEED = 20, 1
 TIMEOUT = 600  # s, of one diagnosis
 TOOLS = Path(__file__).resolve().parents[2]
 DIAGNOSE = (sys.executable, "-m", "tinykoop.cli", "diagnose")
-INSTALL = "install it: build/venv/bin/pip install -r tools/requirements-blind.txt"
 
 
 # ---- who diagnoses -------------------------------------------------------------------------------
@@ -80,41 +79,6 @@ def diagnose(key, diagnoser, log, fresh, without):
         return key, {"report": report, "error": error, "seconds": time.perf_counter() - start}
 
 
-# ---- in parallel ---------------------------------------------------------------------------------
-
-
-@contextmanager
-def _workers(cluster, jobs):
-    """All cores, or the Dask cluster at an address; its workers must have this package."""
-    try:
-        from joblib import parallel_config
-    except ImportError:
-        raise UserError(f"the package joblib is missing; {INSTALL}")
-    if cluster is None:
-        with parallel_config("loky", n_jobs=jobs or -1):
-            yield
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise UserError(f"--cluster: the package distributed is missing; {INSTALL}")
-    try:
-        client = Client(cluster, timeout=10)
-    except (OSError, ValueError) as error:
-        raise UserError(f"--cluster {cluster}: no Dask scheduler answers there ({type(error).__name__})")
-    with client, parallel_config("dask", n_jobs=jobs or -1):
-        yield
-
-
-def _each(function, calls, description):
-    """Results as they come, with a progress bar over them."""
-    from joblib import Parallel, delayed
-
-    results = Parallel(return_as="generator_unordered")(delayed(function)(*call) for call in calls)
-    for _ in progress(range(len(calls)), description):
-        yield next(results)
-
-
 def _draw(tier, seed, k):
     from . import tiers
 
@@ -139,7 +103,7 @@ def generate(out, n, seed, diagnosers, which=None):
     remove(out / "blind.json")
     work = _empty(out / "blind")
     wanted = [(tier, seed, k) for tier in which or tiers.TIERS for k in range(n)]
-    drawn = dict(_each(_draw, wanted, "drawing logs"))
+    drawn = dict(each(_draw, wanted, "drawing logs"))
     numbers = np.random.default_rng(seed).permutation(len(wanted))
     logs = {f"{number:04d}": drawn[tier, k] for number, (tier, _, k) in sorted(zip(numbers, wanted))}
     write_json(work / "labels.json", {name: label for name, (label, _, _) in logs.items()})
@@ -161,7 +125,7 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
     out = output_folder(out)
     diagnosers = {score.OURS: Command()} | others() if diagnosers is None else diagnosers
     work = out / "blind"
-    with alone(out / "blind.json"), _workers(cluster, jobs):
+    with alone(out / "blind.json"), workers(cluster, jobs):
         labels = generate(out, n, seed, diagnosers, which)
         for who, diagnoser in diagnosers.items():
             calls = [
@@ -172,6 +136,6 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
             folder = output_folder(work / "reports" / who)
             # the first one alone: what a diagnoser prepares and keeps is then there for the others
             for first in (calls[:1], calls[1:]):
-                for name, result in _each(diagnose, first, who):
+                for name, result in each(diagnose, first, who):
                     write_json(folder / f"{name}.json", result)
         return score.run(out, draw.run)

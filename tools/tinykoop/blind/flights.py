@@ -13,7 +13,8 @@ import numpy as np
 from .. import plots, sim
 from ..errors import UserError
 from ..results import alone, console, output_folder, print_table, remove, replacing, write_json
-from . import Command, DIAGNOSE, _each, _empty, _workers, diagnose, score
+from ..workers import each, workers
+from . import Command, DIAGNOSE, _empty, diagnose, score
 
 TIERS = {
     "none": "none: healthy",
@@ -117,9 +118,9 @@ def _campaign(out, n, seed, cluster, jobs):
         sim.write_log(logs / f"{name}.csv", log.x, log.u, log.dt, "fwmav")
     command = Command((*DIAGNOSE, "--platform", "fwmav"))
     runs = {}
-    with _workers(cluster, jobs):
+    with workers(cluster, jobs):
         calls = [(name, command, (logs / f"{name}.csv").read_bytes(), None, label["without"]) for name, (label, _) in flights.items()]
-        for name, result in _each(diagnose, calls, "flights"):
+        for name, result in each(diagnose, calls, "flights"):
             write_json(reports / f"{name}.json", result)
             runs[name] = result
     rows = [{"log": name} | _row(label, runs[name]) for name, (label, _) in flights.items()]

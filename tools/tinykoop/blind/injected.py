@@ -14,7 +14,8 @@ from scipy import signal
 
 from .. import sim
 from ..results import number, output_folder, print_table, write_json
-from . import Command, DIAGNOSE, _each, _workers
+from ..workers import each, workers
+from . import Command, DIAGNOSE
 
 SHAKING = 10.0  # Hz, above which gyro and accelerometer are shaken
 
@@ -59,7 +60,7 @@ def run(out, path, jobs=None):
 
     out, log = output_folder(out), load(path)
     half = len(log.x) // 2
-    with tempfile.TemporaryDirectory() as folder, _workers(None, jobs):
+    with tempfile.TemporaryDirectory() as folder, workers(None, jobs):
         file = Path(folder) / "part.csv"
 
         def written(x, u, rows):
@@ -68,7 +69,7 @@ def run(out, path, jobs=None):
 
         healthy = written(log.x, log.u, slice(0, half))
         calls = [(name, written(*change(log, *p), slice(half, None)), healthy) for name, (p, change) in CASES.items()]
-        reports = dict(_each(_one, calls, "effects in a real flight"))
+        reports = dict(each(_one, calls, "effects in a real flight"))
     rows = [_row(name, CASES[name][0], reports[name]) for name in CASES]
     lines = []
     for row in rows:

@@ -79,7 +79,8 @@ class _Answer:
         self.effects = report.get("effects") or []
         self.names = sorted({effect["name"] for effect in self.effects})
         self.duration = duration
-        self.gap, self.fresh = report.get("gap") or {}, (report.get("fresh") or {}).get("gap") or {}
+        fresh = report.get("fresh") or {}
+        self.gap, self.fresh, self.there = report.get("gap") or {}, fresh.get("gap") or {}, fresh.get("effects", self.effects)
 
     def alike(self, a, b):
         return a == b or b in self.ambiguous.get(a, ()) or a in self.ambiguous.get(b, ())
@@ -151,13 +152,13 @@ def _share(before, after, least):
 
 
 def recomputed_gap(answer, fresh):
-    """({H: before}, {H: after}) on the fresh log, from the simulator under the effects that are reported."""
+    """({H: before}, {H: after}) on the fresh log, from the simulator under the effects that are reported, all along."""
     table = sim.effects()
     try:
         active = [
-            sim.Effect(e["name"], tuple(float(e["params"][row[0]]) for row in table[e["name"]][1]), *span)
-            for e in answer.effects
-            for span in e.get("segments") or [(0.0, answer.duration)]
+            sim.Effect(e["name"], tuple(float(e["params"][row[0]]) for row in table[e["name"]][1]))
+            for e in answer.there
+            if e.get("acts", True)
         ]
         return [tiers.gap(fresh.x, fresh.u, fresh.dt, active=a, usable=fresh.usable) for a in ((), active)]
     except (KeyError, TypeError, UserError):

@@ -6,11 +6,11 @@ again until every one of its effects, by itself, opens a gap of at least twice t
 and on the fresh log (noise-free, against the nominal simulator, within the span in which it acts). Only `poor` (no
 such demand) and the healthy robots are exempt.
 
-The fresh log is another drive of the same robot in the same noise. An effect that switches acts there in the same
-span of time: the fitted model, segments and all, is to hold without being refitted.
+The fresh log is another drive of the same robot in the same noise, on a clock of its own: an effect that switches acts
+there all along.
 """
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -138,6 +138,18 @@ def causes(random, tier, seed, k, u, dt):
     return [Cause(name, known(random, name, u), shape, *span) for name in names]
 
 
+def _along(acting, duration):
+    """The causes on the fresh log, s: each once, all along; what a battery loses goes with time."""
+    there, most = {}, sim.effects()["battery_sag"][1][0][3]
+    for c in acting:
+        parameters = dict(c.parameters)
+        if c.name == "battery_sag":
+            faster = duration / (min(c.t1, duration) - c.t0)
+            parameters["loss_at_end"] = min(parameters["loss_at_end"] * faster, most)
+        there[c.name] = replace(c, parameters=parameters, t0=0.0, t1=float("inf"))
+    return list(there.values())
+
+
 # ---- gap and floor ---------------------------------------------------------------------------------
 
 
@@ -216,8 +228,11 @@ def draw(tier, seed, k):
         noise = _noise(random, tier)
         (u, drive_of), (fresh_u, _) = drive(random), drive(random)
         acting = causes(random, tier, seed, k, u, dt)
-        log, fresh = (_recording(random, commands, dt, acting, noise) for commands in (u, fresh_u))
-        if tier == "poor" or tier.startswith("none") or all(_visible(r, dt, acting, random) for r in (log, fresh)):
+        there = _along(acting, (rows - 1) * dt)
+        log, fresh = _recording(random, u, dt, acting, noise), _recording(random, fresh_u, dt, there, noise)
+        if tier == "poor" or tier.startswith("none") or (
+            _visible(log, dt, acting, random) and _visible(fresh, dt, there, random)
+        ):
             break
     else:
         raise RuntimeError(f"{tier} {k}: no drive in {attempt + 1} shows {[c.name for c in acting]}")

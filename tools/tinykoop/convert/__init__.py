@@ -11,19 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
+from ..platforms import COLUMNS, COMMANDS
 from ..results import console, number, print_table, write_bytes
 from .choose import choose
-from .rows import COMMANDS, resample
+from .rows import resample
 
 FORMATS = {
     "usd": "Crazyflie uSD deck, binary",
     "ulog": "PX4 ULog",
     "ros2": "ROS 2 bag: folder, .mcap or .db3",
     "crazyflie": "cfclient log-to-file: a CSV, or the folder of CSVs of one session",
-}
-COLUMNS = {
-    "ddr": ("px", "py", "theta", "v", "omega"),
-    "fwmav": ("gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"),
 }
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UserError
+from ..platforms import COMMANDS
 from .choose import ANGLES
 from .log import Series
 
-COMMANDS = ("v", "omega", "u")
 FEW = 3.5  # a state that is silent for more than this many of its periods leaves a gap
 BACK = 1.0  # s: samples out of order by up to this are put in order; more is a clock that was set back
 SILENT = 1.0, 10  # s, periods: a command held for longer than both is worth a word

@@ -7,11 +7,13 @@ where, advise -> diagnosis (the report) -> page (what people read).
 import sys
 from pathlib import Path
 
+from .. import platforms
 from ..errors import UserError
 from ..results import busy, output_folder, printable, replacing, write_bytes
 from . import own, page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS
+from .robots import is_own
 
 __all__ = ["diagnose", "in_log_time", "load", "page", "run", "words"]
 
@@ -21,7 +23,9 @@ def _arguments(path, fresh, platform, without, healthy):
     if platform == "fwmav":
         from . import flight as kind
 
-        log, fresh_log, own = (kind.load(file) if file else None for file in (path, fresh, healthy))
+        if len(healthy) > 1:
+            raise UserError("--healthy: the flapping wing is fitted to one healthy log; give the longest")
+        log, fresh_log, own = (kind.load(file) if file else None for file in (path, fresh, *healthy, None)[:3])
         return kind, (log, fresh_log, without, own)
     if healthy:
         raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
@@ -30,14 +34,19 @@ def _arguments(path, fresh, platform, without, healthy):
     return sys.modules[__name__], (log, robot, fresh_log, without)
 
 
-def run(path, out, fresh=None, platform="ddr", without=(), healthy=None):
-    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary."""
-    if platform.endswith(".toml"):
-        return own.run(path, platform, out, fresh, without)
-    if platform not in (*PLATFORMS, "fwmav"):
-        raise UserError(f"--robot {platform}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
+def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
+    """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
+
+    robot: a platform, or the TOML file of one's own; without it the columns tell the platform. sim: with a TOML file, a run of the
+    simulator under the log's commands.
+    """
+    if sim and not (robot and is_own(robot)):
+        raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
+    robot = platforms.of_log(path) if robot is None else robot
+    if is_own(robot):
+        return own.run(path, robot, out, fresh, without, healthy, sim)
     with busy(f"diagnosing {Path(path).name}"):
-        kind, arguments = _arguments(path, fresh, platform, without, healthy)
+        kind, arguments = _arguments(path, fresh, robot, without, healthy)
         out = output_folder(out)
         result = kind.diagnose(*arguments)
     # page and summary count seconds from the first row

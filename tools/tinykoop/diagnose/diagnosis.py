@@ -6,10 +6,11 @@ import numpy as np
 
 from .. import sim
 from ..errors import UserError
-from . import advise, explain, features, measure, noise, verdict, where
+from . import advise, elsewhere, explain, features, measure, noise, verdict, where
 from .fit import active
 from .pieces import FEWEST, Pieces, cut, usual_rows
 from .platform import PLATFORMS
+from .robot import check_effects
 
 FEWEST_ROWS = 60
 ARTEFACT, SURE_ARTEFACT = 0.2, 0.08  # of half a step, to which a lateral skid is the integrator's; at first sight
@@ -200,10 +201,7 @@ def _contributions(search, fit, proofs, starts):
 def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     """The Diagnosis of a log (sim.Log); fresh: another log of the robot, on which nothing is fitted."""
     platform = platform or PLATFORMS["ddr"]()
-    effects = platform.effects()
-    for name in without:
-        if name not in effects:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(effects)}")
+    check_effects(without, platform.effects())
     pieces, found = _explained(platform, log, without, seed)
     fit, search, integrator = found.fit, found.search, pieces.integrator
     starts = measure.starts_of(log)
@@ -227,6 +225,7 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
     advice = advise.advise(search, pairs, blind_to)
     ranked = verdict.ranking(search, fit, proofs)
     report = {
+        "platform": platform.name,
         "verdict": word,
         "effects": _effects(search, fit, proofs, log),
         "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])
@@ -275,13 +274,15 @@ def in_log_time(report, t0):
 
 
 def _add_fresh(result, platform, integrator, fresh, seed):
-    """The same fitted model on another log: only the noise is measured there."""
-    pieces = Pieces(platform, fresh, integrator)
+    """The same fitted model on another log: only the noise is measured there, and whether that acts which came or went."""
+    pieces, effects = Pieces(platform, fresh, integrator), platform.effects()
     pieces.set_noise(noise.third_differences(fresh))
-    noise.estimate(pieces, active(result.fit.causes))
-    sensor = noise.for_floor(pieces, features.Generic(pieces, active(result.fit.causes)))
+    carried = elsewhere.carry(result.fit.causes, effects, (result.log, fresh), lambda causes: pieces.cost(active(causes)))
+    causes = elsewhere.acting(carried)
+    noise.estimate(pieces, active(causes))
+    sensor = noise.for_floor(pieces, features.Generic(pieces, active(causes)))
     starts = measure.starts_of(fresh)
-    parts = [measure.windows(platform, fresh, integrator, causes, starts) for causes in ((), result.fit.causes)]
+    parts = [measure.windows(platform, fresh, integrator, some, starts) for some in ((), causes)]
     least = measure.floor(sensor, fresh, starts)
-    result.report["fresh"] = {"gap": measure.summary(*parts, least, seed)}
+    result.report["fresh"] = {"gap": measure.summary(*parts, least, seed), "effects": elsewhere.told(carried, effects)}
     result.fresh_log, result.fresh_errors = fresh, (*parts, least)

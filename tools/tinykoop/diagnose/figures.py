@@ -181,7 +181,8 @@ def gap(gap, report, label, size=words.length):
     """Bars of before, after and floor for every horizon; what is closed stands above each group."""
     rows, with_effects = [], bool(report["effects"])
     for name, _, _, _, closed, spread in words.gap_rows(gap, report, size):
-        rows.append((f"{name} ahead" + (f": {closed} closed ({spread})" if closed != "-" else ""),))
+        spread = f" ({spread})" if spread != "-" else ""
+        rows.append((f"{name} ahead" + (f": {closed} closed{spread}" if closed != "-" else ""),))
         key = name.split()[0]
         for part, text, kind in (
             ("before", "before" if with_effects else "simulator", "bar-before"),

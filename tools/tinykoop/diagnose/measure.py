@@ -164,7 +164,7 @@ def summary(before, after, least, seed=0):
         if np.isfinite(column).any():
             spread[:, j] = np.quantile(column[np.isfinite(column)], (0.025, 0.975))
     keys = [str(H) for H in HORIZONS]
-    heading = [rms(before.heading), rms(after.heading), rms(least[..., 1])]
+    heading = gaps(before, after, least, heading=True)
     table = lambda row: dict(zip(keys, map(float, row)))  # noqa: E731
     return {
         "before": table(whole[0]),
@@ -172,6 +172,11 @@ def summary(before, after, least, seed=0):
         "noise_floor": table(whole[2]),
         "closed_fraction": table(share),
         "ci95": {key: [float(lo), float(hi)] for key, lo, hi in zip(keys, *spread)},
-        "heading_rad": {"before": table(heading[0]), "after": table(heading[1]), "noise_floor": table(heading[2])},
+        "heading_rad": {
+            "before": table(heading[0]),
+            "after": table(heading[1]),
+            "noise_floor": table(heading[2]),
+            "closed_fraction": table(closed(*heading[:2], np.minimum(*heading[1:]))),
+        },
         "windows": int(W),
     }

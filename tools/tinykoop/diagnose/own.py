@@ -1,20 +1,21 @@
 """The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
 from ..results import busy, output_folder, printable, replacing, write_bytes
+from .elsewhere import AT_END
 from .engine import ahead, judge
 from .engine.finder import Finder
 from .engine.problem import Problem
 from .report.html import html
 from .report.story import story
 from .report.terminal import show
+from .robot import check_effects
 from .robots import check, toml
-from .robots.log import read
+from .robots.log import joined, read
 
 BLOCKS, BINS = 8, 4  # of the time and of a signal's range
 SHOWN = 1.3  # times the average, from which on a region is named
@@ -37,7 +38,14 @@ def _intervals(finder, fit):
     if not fit.causes:
         return np.zeros((0, 2))
     z, t = finder.vector(fit.causes)[0], finder.wald(fit)
-    return z[:, None] + 1.96 * np.abs(z / np.where(t == 0, 1e-12, t))[:, None] * np.array([-1, 1])
+    out = z[:, None] + 1.96 * np.abs(z / np.where(t == 0, 1e-12, t))[:, None] * np.array([-1, 1])
+    at = 0
+    for i, cause in enumerate(fit.causes):
+        spec = finder.problem.effects[cause.name].parameters
+        if finder.problem.effects[cause.name].threshold:
+            out[at] = np.array(finder.interval(fit, i)) / abs(spec[0].usual)
+        at += len(spec)
+    return out
 
 
 def _effects(finder, fit, proofs, end):
@@ -115,26 +123,37 @@ def _hidden(problem, finder, fit):
     return [name for name, size in strongest.items() if size < np.sqrt(finder.price)]
 
 
-def diagnose(log, robot, fresh=None, without=()):
-    """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted."""
-    problem = Problem.of(robot, log, without)
-    for name in without:
-        if name not in problem.everything:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(problem.everything)}")
+def _healthy(logs, robot):
+    """Causes that explain logs of the healthy robot, whichever they are."""
+    if not logs:
+        return ()
+    finder = Finder(Problem.of(robot, joined(logs)))
+    return finder.run().causes
+
+
+def diagnose(log, robot, fresh=None, without=(), healthy=()):
+    """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
+    before = _healthy(healthy, robot)
+    problem = Problem.of(robot, log, without, before)
+    check_effects(without, problem.everything)
     finder = Finder(problem)
     fit, proofs, left = judge.judge(finder, finder.run())
-    word = judge.verdict(fit, proofs, left)
     order = sorted(range(len(proofs)), key=lambda i: -proofs[i].gain)
-    fit, proofs = problem.fit_of([fit.causes[i] for i in order]), [proofs[i] for i in order]
+    fit, proofs = finder.centred(problem.fit_of([fit.causes[i] for i in order])), [proofs[i] for i in order]
     looked = ahead.Ahead(problem)
-    before, after, floor = looked.errors(()), looked.held_out(finder, fit), looked.floor()
-    gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
-    effects = _effects(finder, fit, proofs, float(log.t[-1] - log.t[0]))
+    errors, after, floor = looked.errors(()), looked.held_out(finder, fit), looked.floor()
+    gaps = {g.name: ahead.summary(errors[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
+    named = _effects(finder, fit, proofs, float(log.t[-1] - log.t[0]))
+    small = [e for e, c in zip(named, fit.causes) if judge.is_small(finder, c)]
+    effects = [e for e in named if e not in small]
+    word = judge.verdict([p for p, e in zip(proofs, named) if e not in small], left)
     report = {
         "platform": robot.name,
         "verdict": word,
         "effects": [] if word in ("none", "unknown") else effects,
         "best_fit": effects if word == "unknown" else [],
+        "small": small,
+        "healthy": {"logs": len(healthy), "effects": [{"name": c.name, "params": list(c.params)} for c in before]},
         "ranking": _ranking(finder, fit, proofs),
         "ambiguous_with": {c.name: list(p.others) for c, p in zip(fit.causes, proofs) if p.others},
         "suggested_excitation": "",
@@ -154,30 +173,43 @@ def diagnose(log, robot, fresh=None, without=()):
         "passes": round(problem.rollouts.passes),
         "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": float(log.t[-1] - log.t[0])},
     }  # fmt: skip
-    result = Diagnosis(report, problem, fit, looked, before, after)
+    if hasattr(robot.simulator, "surrogate"):
+        report["surrogate"] = robot.simulator.surrogate
+    result = Diagnosis(report, problem, fit, looked, errors, after)
     if fresh is not None:
         _add_fresh(result, robot, fresh, fit)
     return result
 
 
+def _as_fast(causes, effects, ratio):
+    """Causes on a log that lasts `ratio` times as long: what is lost by the end is lost at the same rate."""
+    scaled = lambda c: tuple(v * ratio if p.name == AT_END else v for v, p in zip(c.params, effects[c.name].parameters))  # noqa: E731
+    return tuple(replace(c, params=scaled(c)) for c in causes)
+
+
 def _add_fresh(result, robot, fresh, fit):
     """The same causes on another log: only its starts are looked for there."""
-    other = Problem.of(robot, fresh)
+    other = Problem.of(robot, fresh, before=result.problem.before)
     other.sigma = result.problem.sigma
-    other.linearise(fit.causes)
+    causes = _as_fast(fit.causes, other.everything, np.ptp(fresh.t) / np.ptp(result.problem.log.t))
+    other.linearise(causes)
     looked = ahead.Ahead(other)
-    before, after, floor = looked.errors(()), looked.errors(fit.causes), looked.floor()
+    before, after, floor = looked.errors(()), looked.errors(causes), looked.floor()
     gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
     result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps}
 
 
-def run(path, robot_file, out, fresh=None, without=()):
-    """Diagnoses a log file with the robot of a TOML file; writes report.json and report.html, prints the summary."""
-    robot = toml.read(robot_file)
-    logs = [read(file, robot) if file else None for file in (path, fresh)]
+def run(path, robot_file, out, fresh=None, without=(), healthy=(), sim=None):
+    """Diagnoses a log file with the robot of a TOML file; writes report.json and report.html, prints the summary.
+
+    sim: a run of the simulator under the log's commands (CSV), in the place of the TOML's.
+    """
+    robot, log = toml.read_both(robot_file, path, sim)
+    fresh_log, *healthy_logs = (read(file, robot) if file else None for file in (fresh, *healthy))
     with busy(f"diagnosing {Path(path).name}"):
-        check.refuse(robot, logs[0], path, robot_file)
-        result = diagnose(logs[0], robot, logs[1], without)
+        for file, one in zip((path, *healthy), (log, *healthy_logs)):
+            check.refuse(robot, one, file, robot_file)
+        result = diagnose(log, robot, fresh_log, without, healthy_logs)
         out = output_folder(out)
     result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
     told = story(result)

@@ -91,8 +91,9 @@ def head(report, of, verdict, asides):
 def _first(result):
     """What ten seconds are enough for."""
     report = result.report
-    caption = words.gap_caption(report["gap"], report)
-    bars = figure(caption, figures.gap(report["gap"], report, caption))
+    gap, size = words.judged(report["gap"], report)
+    caption = words.gap_caption(gap, report, size)
+    bars = figure(caption, figures.gap(gap, report, caption, size))
     opening = head(report, "log", words.sentence(report), words.asides(report))
     return f'{opening}<div class="two"><div>{bars}{causes(report)}</div>{figure(*figures.path(result))}</div>'
 
@@ -136,7 +137,6 @@ def _much(report):
     parts = ["<h3>Position</h3>", table(words.GAP_HEADERS, words.gap_rows(report["gap"], report))]
     fresh = report.get("fresh", {}).get("gap")
     if fresh:
-        caption = words.gap_caption(fresh, report, place=" on the fresh log")
         parts += [
             "<h3>Position, fresh log: nothing fitted again</h3>",
             table(words.GAP_HEADERS, words.gap_rows(fresh, report)),
@@ -147,8 +147,9 @@ def _much(report):
         caption = "Heading: " + words.gap_caption(heading, report, words.angle)
         figures_.append(figure(caption, figures.gap(heading, report, caption, words.angle)))
     if fresh:
-        caption = words.gap_caption(fresh, report, place=" on the fresh log")
-        figures_.append(figure(caption, figures.gap(fresh, report, caption)))
+        gap, size = words.judged(fresh, report)
+        caption = words.gap_caption(gap, report, size, " on the fresh log")
+        figures_.append(figure(caption, figures.gap(gap, report, caption, size)))
     note = (
         '<p class="soft">RMS error. Closed: share of the gap above the noise floor that is gone, on rows left out of '
         "the fit; none where the gap is about the noise.</p>"

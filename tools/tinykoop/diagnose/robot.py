@@ -8,6 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ..errors import UserError
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -42,7 +44,7 @@ class Inner:
     low: float
     high: float
     usual: float  # of the difference
-    field: str | None = None  # where a model keeps it
+    field: str = ""  # where a model keeps it
 
 
 class Simulator(Protocol):
@@ -110,3 +112,10 @@ class RobotLog:
     y: np.ndarray  # (K, c) channels
     usable: np.ndarray  # (K - 1,) transitions
     dt: float
+
+
+def check_effects(without, effects):
+    """Refuses what is to be left out of a robot's effects and is none of them."""
+    for name in without:
+        if name not in effects:
+            raise UserError(f"--without '{name}': there is no such effect; there are {', '.join(effects)}")

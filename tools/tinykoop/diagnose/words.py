@@ -3,6 +3,7 @@
 import math
 
 from .. import results, sim
+from .elsewhere import AT_END
 from .noise import LIGHT
 
 SURE = 0.9  # a confidence below is said beside the verdict
@@ -222,6 +223,16 @@ def horizon(gap):
     return max(measured, key=int) if measured else None
 
 
+def by_heading(report):
+    """Whether the verdict is about the heading, as of a robot that turns on the spot."""
+    return report["unexplained"].get("unit") == "rad"
+
+
+def judged(gap, report, size=length):
+    """(the part of a `gap` that the verdict is about, how its size is written)."""
+    return (gap["heading_rad"], angle) if by_heading(report) else (gap, size)
+
+
 def steps(key, report):
     """50 steps = 2.5 s."""
     return f"{key} step{'s' if int(key) > 1 else ''} = {int(key) * real(report['log']['dt']):.3g} s"
@@ -268,38 +279,41 @@ def causes(report, phrases=PHRASES):
 
 def _closing(report):
     """How far the effects close the gap."""
-    gap, key = report["gap"], horizon(report["gap"])
+    gap, size = judged(report["gap"], report)
+    key = horizon(gap)
     if key is None:
         return "the log is too broken up to measure the gap"
     them = "them" if len(report["effects"]) > 1 else "it"
     if not math.isfinite(real(gap["closed_fraction"][key])):
-        before, _, least = sizes(gap, key)
+        before, _, least = sizes(gap, key, size)
         return (
             f"the gap is about the noise ({before} against {least}, {ahead(key, report)}): no percentage can be given"
         )
     part = percent(gap["closed_fraction"][key])
-    return f"adding {them} closes {part} of the gap ({shrinks(gap, key, report)})"
+    return f"adding {them} closes {part} of the gap ({shrinks(gap, key, report, size)})"
 
 
 def _closed_in_part(report):
     """What effects that are not the whole cause do: the smaller one of what they close and what they explain."""
-    gap, key, explained = report["gap"], horizon(report["gap"]), 1 - real(report["unexplained"]["share"])
+    gap, size = judged(report["gap"], report)
+    key, explained = horizon(gap), 1 - real(report["unexplained"]["share"])
     if key is None:
         return f"{percent(explained)} of the gap is explained"
     closed = real(gap["closed_fraction"][key])
     part = min(explained, closed) if math.isfinite(closed) else explained
-    return f"{percent(part)} of the gap closes ({shrinks(gap, key, report)})"
+    return f"{percent(part)} of the gap closes ({shrinks(gap, key, report, size)})"
 
 
 def _none(report):
-    left, key = report["unexplained"], horizon(report["gap"])
+    left, (gap, size) = report["unexplained"], judged(report["gap"], report)
+    key = horizon(gap)
     if key is None:
         return "the log is too broken up to measure the gap"
-    before, _, least = sizes(report["gap"], key)
+    before, _, least = sizes(gap, key, size)
     off = f"{ahead(key, report)} it is {before} off, where noise alone makes {least}"
     systematic, smallest = real(left["of_gap_m"]), real(left["smallest_that_matters_m"])
     if systematic < smallest:
-        return f"{off}; the gap without noise, {length(systematic)}, is below the smallest that matters, {length(smallest)}"
+        return f"{off}; the gap without noise, {size(systematic)}, is below the smallest that matters, {size(smallest)}"
     return f"{off}; what is left shows no system"
 
 
@@ -315,30 +329,32 @@ def depends(report):
     )
 
 
+def _unexplained(what, report):
+    """That no effect explains the gap, or what is left of it, and on what that depends where it is known."""
+    on = depends(report)
+    return f"{what} depends on {on} and none of the known effects explains it" if on else f"none of the known effects explains {what}"
+
+
 def sentence(report):
     """The verdict in one sentence."""
-    left = report["unexplained"]
+    left, size = report["unexplained"], judged(report["gap"], report)[1]
     if report["verdict"] == "none":
         return f"None: the simulator explains this log down to its noise: {_none(report)}."
     if report["verdict"] == "known":
         partly = left["matters"]
         return f"Known{', but PARTLY explained' if partly else ''}: {causes(report)}; {_closing(report)}."
-    on = depends(report)
-    rest = f"depends on {on} and none of the known effects explains it" if on else "none of the known effects explains"
     if not report["effects"]:
-        return f"Unknown: the simulator is off by {length(left['of_gap_m'])} without noise; the gap {rest}."
+        return f"Unknown: the simulator is off by {size(left['of_gap_m'])} without noise; {_unexplained('the gap', report)}."
     names = listed(title(effect["name"]) for effect in report["effects"])
-    return f"Unknown, PARTLY explained: with {names}, {_closed_in_part(report)}; what is left {rest}."
+    return f"Unknown, PARTLY explained: with {names}, {_closed_in_part(report)}; {_unexplained('what is left', report)}."
 
 
 def asides(report):
     """What must stand right beside the verdict: short sentences."""
-    said, left = [], report["unexplained"]
+    said, left, size = [], report["unexplained"], judged(report["gap"], report)[1]
     if report["verdict"] == "known" and left["matters"]:
-        on = depends(report)
-        said.append(
-            f"What is left is {length(left['gap_m'])} of {length(left['of_gap_m'])} without noise; it depends on {on}."
-        )
+        on = f"; it depends on {depends(report)}" if depends(report) else ""
+        said.append(f"What is left is {size(left['gap_m'])} of {size(left['of_gap_m'])} without noise{on}.")
     return said + doubts(report) + tried(report)
 
 
@@ -361,24 +377,38 @@ def tried(report, size=length, at=horizon):
 
 
 def fresh(report, size=length, at=horizon):
+    """What the same model does on the fresh log, and what of it was taken to act there."""
+    return [_on_fresh(report, size, at), *_carried(report)] if "fresh" in report else []
+
+
+def _carried(report):
+    """When effects of a part of the log act on the fresh one, and how large one grows that grows with time."""
+    said, there = [], {effect["name"]: effect for effect in report["fresh"].get("effects", ())}
+    for effect in report["effects"]:
+        name, on = title(effect["name"]), there.get(effect["name"])
+        if on and (acts(effect, report) != "whole log" or not on["acts"]):
+            how = "to act all along" if on["acts"] else "not to act"
+            said.append(f"{capital(name)} acts in a part of this log; on the fresh log it is taken {how}, which fits better.")
+        if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
+            said.append(f"On the fresh log {name} is taken to grow as fast, to {percent_of(on['params'][AT_END])} at its end.")
+    return said
+
+
+def _on_fresh(report, size, at):
     """What the same model does on the fresh log, in one sentence."""
-    if "fresh" not in report:
-        return []
-    gap = report["fresh"]["gap"]
+    gap, size = judged(report["fresh"]["gap"], report, size)
     key = at(gap)
     if key is None:
-        return ["The fresh log is too broken up to measure the gap."]
+        return "The fresh log is too broken up to measure the gap."
     before, after, least = sizes(gap, key, size)
     part = real(gap["closed_fraction"][key])
     if not report["effects"]:
-        return [f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."]
+        return f"On the fresh log the simulator is {before} off, {ahead(key, report)}; noise alone makes {least}."
     if not math.isfinite(part):
-        return [f"On the fresh log the gap is about the noise ({before} against {least})."]
+        return f"On the fresh log the gap is about the noise ({before} against {least})."
     if part < 0:
-        return [f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."]
-    return [
-        f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({shrinks(gap, key, report, size)})."
-    ]
+        return f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."
+    return f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({shrinks(gap, key, report, size)})."
 
 
 # ---- details -------------------------------------------------------------------------------------
@@ -411,7 +441,7 @@ def ambiguous(report):
 
 def unmeasured(report):
     """For which horizons there is no percentage."""
-    gap, said = report["gap"], []
+    (gap, _), said = judged(report["gap"], report), []
     near = [
         k
         for k in gap["before"]
@@ -667,6 +697,7 @@ GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interv
 def print_told(report, page, told, gap_name="position", size=length):
     """A report on the terminal. told: (sentence, asides, what the log cannot tell, heading of the advice, advice)."""
     verdict, beside, open_ends, heading, next_one = told
+    gap, size = judged(report["gap"], report, size)
     say()
     say(verdict, "bold")
     for aside in beside:
@@ -675,11 +706,10 @@ def print_told(report, page, told, gap_name="position", size=length):
         results.print_table(
             "Effects", ("effect", "parameter", "95 % interval", "sure", "acts", ""), effect_rows(report)
         )
-    results.print_table(f"Gap, {gap_name}", GAP_HEADERS, gap_rows(report["gap"], report, size))
+    results.print_table(f"Gap, {'heading' if by_heading(report) else gap_name}", GAP_HEADERS, gap_rows(gap, report, size))
     if "fresh" in report:
-        results.print_table(
-            "Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(report["fresh"]["gap"], report, size)
-        )
+        fresh_gap, _ = judged(report["fresh"]["gap"], report)
+        results.print_table("Gap on the fresh log, nothing fitted again", GAP_HEADERS, gap_rows(fresh_gap, report, size))
     if open_ends:
         say("What this log cannot tell", "bold")
         for text in open_ends:

@@ -19,6 +19,11 @@ KNOWN = {
     "parameter:wheelbase": (0.02, 0.06), "cross:steering<-speed": (0.01, 0.03),
 }  # fmt: skip
 UNKNOWN = {"understeer": (0.15, 0.4), "side_slip": (0.08, 0.2), "turning_slows": (0.3, 0.8), "slope": (0.05, 0.15)}
+# Effects that do the same, alone or together: a longer wheelbase turns the car less, as a smaller steering angle does, or a
+# larger speed on a map that is drawn smaller.
+_TURNS = ("gain:steering", "parameter:wheelbase", "gain:speed", "scale:px", "scale:py", "clock")
+_LATE = ("delay:steering", "delay:speed", "delay:all")
+ALIKE = {name: _TURNS for name in _TURNS} | {name: _LATE for name in _LATE}
 SIGNED = ("gain", "bias", "parameter", "cross", "slope", "side_slip")
 
 

@@ -16,17 +16,25 @@ class Actuator:
     def act(self, asked, t, h):
         """What acts at time t for h seconds, of the commands asked for in each row so far."""
         e = self.effects
-        u = asked[min(max(math.floor((t - e.get("delay", 0.0)) / self.dt + 1e-9), 0), len(asked) - 1)]
+        u = self._late(asked, t - e.get("delay", 0.0), h)
         u = 0.0 if abs(u) < e.get("dead_band", 0.0) else u
         u = u * (1 + e.get("gain", 0.0)) * (1 - e.get("sag", 0.0) * t / self.seconds) + e.get("bias", 0.0)
         most = e.get("saturation", math.inf)
         return self._play(self._lag(self._limit(min(max(u, -most), most), h), h))
 
+    def _late(self, asked, t, h):
+        """The mean, from t for h seconds, of the commands asked for in each row."""
+        first, last = math.floor(t / self.dt + 1e-9), math.floor((t + h) / self.dt - 1e-9)
+        part = ((t + h) - last * self.dt) / h if last > first else 0.0
+        row = lambda k: asked[min(max(k, 0), len(asked) - 1)]  # noqa: E731
+        return (1 - part) * row(first) + part * row(last) if part else row(first)
+
     def _limit(self, u, h):
+        """The mean of what goes to u at a limited rate, for h seconds."""
         most = self.effects.get("rate_limit", math.inf) * h
         before = u if self.limited is None else self.limited
         self.limited = min(max(u, before - most), before + most)
-        return self.limited
+        return u if self.limited == u else (before + self.limited) / 2
 
     def _lag(self, u, h):
         tau = self.effects.get("lag", 0.0)
@@ -49,7 +57,7 @@ def actuators(names, effects, dt, seconds):
         for effect, size in effects.items():
             kind, _, signal = effect.partition(":")
             if signal in (name, "all"):
-                mine[kind] = size
+                mine[kind] = mine.get(kind, 0.0) + size
         made.append(Actuator(mine, dt, seconds))
     return made
 
@@ -73,8 +81,12 @@ class Sensor:
         self.factor = 1 + effects.get(f"scale:{name}", 0.0)
 
     def read(self, times, states, chance):
-        at = bisect_right(times, times[-1] - self.late + 1e-9) - 1
-        return states[max(at, 0)][self.index] * self.factor + chance.gauss(0, self.sd)
+        then = times[-1] - self.late
+        at = max(bisect_right(times, then + 1e-9) - 1, 0)
+        value = states[at][self.index]
+        if at + 1 < len(times):
+            value += max(then - times[at], 0.0) / (times[at + 1] - times[at]) * (states[at + 1][self.index] - value)
+        return value * self.factor + chance.gauss(0, self.sd)
 
 
 def drive(plant, effects, chance):

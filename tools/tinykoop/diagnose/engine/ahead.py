@@ -46,10 +46,9 @@ class Ahead:
         x, log = _states(problem), problem.log
         run = np.convolve(log.usable, np.ones(self.horizons[-1]), "valid") == self.horizons[-1]
         good = np.flatnonzero(run & np.isfinite(x[: len(run)]).all(1))
+        good = good[good >= problem.rollouts.starts[0]]
         good = good[:: max(1, len(good) // STARTS)]
-        self.rollouts.starts = good
-        self.rollouts.index = good[:, None] + np.arange(self.horizons[-1] + 1)
-        self.rollouts.measured = log.y[self.rollouts.index]
+        self.rollouts.put(good)
         self.rollouts.x0 = x[good]
         # which half of the windows a prediction begins in
         self.half = np.searchsorted(problem.rollouts.starts, good, side="right") % 2  # 1: in an even one
@@ -65,11 +64,17 @@ class Ahead:
     def _predicted(self, action):
         """Channels (S, longest + 1, c), with the step of time that the log speaks for."""
         with np.errstate(all="ignore"):
-            Y = self.rollouts.run(action)[1]
+            Y = self._as_read(self.rollouts.run(action)[1])
             if self.problem.finer:
                 self.rollouts.substeps = FINER
-                Y = Y + self.problem.finer * (self.rollouts.run(action)[1] - Y)
+                Y = Y + self.problem.finer * (self._as_read(self.rollouts.run(action)[1]) - Y)
                 self.rollouts.substeps = 1
+        return Y
+
+    def _as_read(self, Y):
+        """Channels that begin at what was read, whatever a sensor's effect makes of the state there."""
+        measured = len(self.problem.robot.measured)
+        Y[..., :measured] += (self.rollouts.measured[:, :1] - Y[:, :1])[..., :measured]
         return Y
 
     def held_out(self, finder, fit):

@@ -4,18 +4,22 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy import stats
 
-from .problem import LIMIT, Cause
+from .problem import LIMIT, Cause, Fit
 
 MOST = 4  # effects of one explanation
-SINGLES, PAIRS = 4, 2  # that are fitted in full in each round
-ITERATIONS = 6
+SINGLES, PAIRS = 4, 2  # that are simulated in each round
+FITTED = 2  # of these, the best, that are fitted in full
+PASSES, ITERATIONS = 4, 8  # of a fit; by the slopes in each of them
+BUDGET = 200  # passes, after which no further effect is looked for
 TRUE_STEP = 1e-2  # of a parameter's usual size, by which columns are differentiated
 WALD = 4.0  # robust t that an effect has to reach
-GRID = np.geomspace(0.25, 4, 33)  # sizes tried of what has no slope, over the first one
-PATTERN = (0.06, 0.02, 0.007)
+# Sizes tried of what has no slope, over the one before.
+GRIDS = tuple(np.geomspace(1 / reach, reach, 9) for reach in (2.0, 1.2, 1.04, 1.01))
 ABSORBED = 0.8  # of what several effects do, from which on one is tried in their place
 SMALL = 0.01  # of the misfit, or of the noise: what an effect takes away beyond its price matters only if it is more
+PROFILE = np.geomspace(0.7, 1.4, 281)  # of a size, by which its interval is looked for
 ALIKE = 0.98  # cosine of columns that are one class
 
 
@@ -113,70 +117,73 @@ class Finder:
             i += len(spec)
         return tuple(out)
 
-    def refine(self, fit, iterations=ITERATIONS):
-        """Damped Gauss-Newton; each step is judged by a pass."""
-        damping = 1e-3
-        for _ in range(iterations):
+    def refine(self, fit, passes=PASSES):
+        """The sizes that are best by the slopes, then one pass that says what they really leave; again while that helps."""
+        for _ in range(passes):
             if not fit.causes or not np.isfinite(fit.cost):
                 break
-            J, (z, low, high) = self.jacobian(fit), self.vector(fit.causes)
-            gram, slope = J.T @ J, J.T @ fit.left
-            free = ~(((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < 1e-9))
-            if not free.any():
+            causes, hoped = self.best_by_slopes(fit)
+            if fit.cost - hoped < max(0.3, 1e-4 * fit.cost):
                 break
-            A = gram[np.ix_(free, free)]
-            better = None
-            for _ in range(3):
-                move = np.zeros_like(z)
-                move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
-                limit = np.maximum(1.0, np.abs(z))
-                trial = self.problem.fit_of(self.split(fit.causes, z + np.clip(move, -limit, limit)))
-                if trial.cost < fit.cost:
-                    better, damping = trial, damping / 5
-                    break
-                damping = max(damping * 30, 1e-2)
-            if better is None:
+            trial = self.problem.fit_of(causes)
+            if not trial.cost < fit.cost:
                 break
-            gained, fit = fit.cost - better.cost, better
+            gained, fit = fit.cost - trial.cost, trial
             if gained < max(0.3, 1e-4 * fit.cost):
                 break
         return fit
 
-    def sized(self, fit, i):
-        """`fit` with cause i, of which no slope tells the size, at the best of many sizes: by columns, then by passes."""
-        name, problem = fit.causes[i].name, self.problem
-        (p,) = problem.effects[name].parameters
-        sizes = np.clip(fit.causes[i].params[0] * GRID, p.low, p.high)
-        trials = [(*fit.causes[:i], Cause(name, (float(v),)), *fit.causes[i + 1 :]) for v in sizes]
-        columns = problem.columns([(), *trials])
-        base = problem.whiten(problem.rollouts.missed(problem.Y)) + columns[:, 0]
-        costs = ((base[:, None] - columns[:, 1:]) ** 2).sum(0)
-        for i in np.argsort(costs)[:2]:
-            trial = problem.fit_of(trials[i])
-            fit = trial if trial.cost < fit.cost else fit
-        return fit
+    def best_by_slopes(self, fit):
+        """(causes, cost) with the sizes of least cost about a fit: no pass."""
+        offset = fit.left + self.problem.columns([fit.causes])[:, 0]
+        causes, cost, damping = fit.causes, fit.cost, 1e-3
+        for _ in range(ITERATIONS):
+            causes, after, damping = self._step(offset, *self._thresholds(offset, causes, cost), damping)
+            if after > cost - max(0.1, 1e-4 * cost):
+                break
+            cost = after
+        return causes, min(cost, after)
 
-    def _patterned(self, fit):
-        """Sizes that no slope tells, a little larger and smaller."""
-        for size in PATTERN:
-            for i, cause in enumerate(fit.causes):
-                if self.problem.effects[cause.name].threshold:
-                    (p,) = self.problem.effects[cause.name].parameters
-                    for factor in (1 + size, 1 / (1 + size)):
-                        moved = replace(cause, params=(float(np.clip(cause.params[0] * factor, p.low, p.high)),))
-                        trial = self.problem.fit_of((*fit.causes[:i], moved, *fit.causes[i + 1 :]))
-                        if trial.cost < fit.cost:
-                            fit = trial
-                            break
-        return fit
+    def _left(self, offset, trials):
+        return offset[:, None] - self.problem.columns(trials)
+
+    def _step(self, offset, causes, cost, damping):
+        """One damped Gauss-Newton step of all sizes by the slopes."""
+        left, (z, low, high) = self._left(offset, [causes])[:, 0], self.vector(causes)
+        J = self.jacobian(Fit(causes, cost, left))
+        gram, slope = J.T @ J, J.T @ left
+        free = ~(((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < 1e-9))
+        for _ in range(4 if free.any() else 0):
+            move = np.zeros_like(z)
+            A = gram[np.ix_(free, free)]
+            move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
+            limit = np.maximum(1.0, np.abs(z))
+            trial = self.split(causes, z + np.clip(move, -limit, limit))
+            after = float((self._left(offset, [trial]) ** 2).sum())
+            if after < cost:
+                return trial, after, damping / 5
+            damping = max(damping * 30, 1e-2)
+        return causes, cost, damping
+
+    def _thresholds(self, offset, causes, cost):
+        """Sizes that no slope tells, one by one at the best of many, coarse to fine."""
+        for i, cause in enumerate(causes):
+            if self.problem.effects[cause.name].threshold:
+                (p,) = self.problem.effects[cause.name].parameters
+                for grid in GRIDS:
+                    sizes = np.clip(causes[i].params[0] * grid, p.low, p.high)
+                    trials = [(*causes[:i], Cause(cause.name, (float(v),)), *causes[i + 1 :]) for v in sizes]
+                    costs = (self._left(offset, trials) ** 2).sum(0)
+                    if costs.min() < cost:
+                        causes, cost = trials[int(costs.argmin())], float(costs.min())
+        return causes, cost
 
     def add(self, fit, group):
-        """`fit` with the candidates of a group, each first at the best of the sizes seen, then fitted."""
-        fit = self.problem.fit_of((*fit.causes, *(Cause(c.name, self._first(fit, c)) for c in group)))
-        for i, cause in enumerate(fit.causes):
-            if self.problem.effects[cause.name].threshold:
-                fit = self.sized(fit, i)
-        return self.refine(fit)
+        """`fit` with the candidates of a group, each first at the best of the sizes seen, at sizes that are best by the slopes."""
+        causes = (*fit.causes, *(Cause(c.name, self._first(fit, c)) for c in group))
+        left = fit.left - (self.problem.columns([causes]) - self.problem.columns([fit.causes]))[:, 0]
+        causes, _ = self.best_by_slopes(Fit(causes, float(left @ left), left))
+        return self.problem.fit_of(causes)
 
     def _first(self, fit, candidate):
         """Parameters scaled by how much of the column the residual holds, where the effect is linear in them."""
@@ -201,6 +208,24 @@ class Finder:
         spread = inverse @ (by_window.T @ by_window) @ inverse
         return self.vector(fit.causes)[0] / np.sqrt(np.maximum(np.maximum(np.diag(spread), np.diag(inverse) * self.heat), 1e-300))
 
+    def interval(self, fit, i):
+        """95 % interval (low, high) of cause i, of which no slope tells the size: where its cost is near the least."""
+        cause, problem = fit.causes[i], self.problem
+        (p,) = problem.effects[cause.name].parameters
+        offset = fit.left + problem.columns([fit.causes])[:, 0]
+        sizes = np.clip(cause.params[0] * PROFILE, p.low, p.high)
+        trials = [(*fit.causes[:i], Cause(cause.name, (float(v),)), *fit.causes[i + 1 :]) for v in sizes]
+        good = (self._left(offset, trials) ** 2).sum(0) < fit.cost + stats.chi2.ppf(0.95, 1) * self.heat
+        return float(sizes[good].min()), float(sizes[good].max())
+
+    def centred(self, fit):
+        """`fit` with each size that no slope tells in the middle of where it may be: a log tells a dead band between two commands."""
+        causes = list(fit.causes)
+        for i, cause in enumerate(fit.causes):
+            if self.problem.effects[cause.name].threshold:
+                causes[i] = replace(cause, params=(sum(self.interval(fit, i)) / 2,))
+        return self.problem.fit_of(causes) if tuple(causes) != fit.causes else fit
+
     # ---- the search ------------------------------------------------------------------------------------------
 
     def learn_noise(self, fit):
@@ -216,10 +241,11 @@ class Finder:
         problem.linearise(fit.causes)
         fit = self.learn_noise(problem.fit_of(fit.causes))
         was, found = problem.finer, fit
-        for finer in (0.0, 1.0, LIMIT):
+        shows = np.linalg.norm(problem.whiten(problem.shift)) > 1
+        for finer in (0.0, 1.0, LIMIT) if shows else (0.0,):
             if finer != was:
                 problem.finer = finer
-                other = self.refine(problem.fit_of(fit.causes), 2)
+                other = self.refine(problem.fit_of(fit.causes), 1)
                 if other.cost < found.cost - self.price * (finer > 0):
                     found, was = other, finer
         problem.finer = was
@@ -229,16 +255,21 @@ class Finder:
     def run(self):
         """The causes that are worth most."""
         fit = self.base = self.settle(self.base)
-        while len(fit.causes) < MOST:
-            fits = [self.add(fit, group) for group in self.ranked(fit, self.candidates(fit))]
-            better = min(fits, key=self.worth, default=fit)
+        seen = {frozenset()}
+        while len(fit.causes) < MOST and self.problem.rollouts.passes < BUDGET:
+            better = self.widen(fit)
             if self.worth(better) >= self.worth(fit):
                 break
-            names = set(fit.names)
-            fit = self.eliminate(self.settle(self._patterned(better)))
-            if set(fit.names) <= names:
+            fit = self.eliminate(self.settle(better))
+            if frozenset(fit.names) in seen:
                 break
+            seen.add(frozenset(fit.names))
         return self.simplify(self.eliminate(fit))
+
+    def widen(self, fit):
+        """The best fit with one or two causes more."""
+        fits = sorted((self.add(fit, group) for group in self.ranked(fit, self.candidates(fit))), key=self.worth)
+        return min((self.refine(f) for f in fits[:FITTED]), key=self.worth, default=fit)
 
     def simplify(self, fit):
         """One effect in the place of several, where it does what they do."""
@@ -250,7 +281,7 @@ class Finder:
                 found = [c for c in self.candidates(problem.fit_of(rest)) if c.name not in fit.names]
                 absorbs = [(c.column @ have) ** 2 / max(c.column @ c.column, 1e-9) / (have @ have) for c in found]
                 for i in np.argsort(absorbs)[::-1][:2]:
-                    trial = self.add(problem.fit_of(rest), (found[i],)) if absorbs[i] > ABSORBED else fit
+                    trial = self.refine(self.add(problem.fit_of(rest), (found[i],))) if absorbs[i] > ABSORBED else fit
                     if self.worth(trial) < self.worth(fit):
                         return self.simplify(self.settle(trial))
         return fit

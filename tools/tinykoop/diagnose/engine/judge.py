@@ -9,6 +9,10 @@ from . import openset
 from .finder import ALIKE
 
 SAME = 6.0  # of cost, by which two explanations may differ and still be one class
+TINY = 0.05  # of the usual size: what is less is significant perhaps, but does not matter
+EXPLAINS = 0.75  # of the misfit above the noise, which causes must take away beside something that is left
+OWN = 0.2  # of it, that each of them must
+DOUBT = 0.85  # of a confidence stays where something is left
 MOVES = 0.25  # of its size, by which a cause may move when generic pushes enter, and still be established
 ORDER = (
     "parameter",
@@ -62,7 +66,7 @@ def _rivals(finder, fit, i):
             best[c.name] = abs(cosine), c
     base = problem.fit_of(rest)
     close = sorted(best.values(), key=lambda b: -b[0])[:4]
-    trials = [finder.add(base, (c,)) for cosine, c in close if cosine > ALIKE - 0.03]
+    trials = [finder.refine(finder.add(base, (c,))) for cosine, c in close if cosine > ALIKE - 0.03]
     return [t for t in trials if t.cost < fit.cost + SAME]
 
 
@@ -100,24 +104,30 @@ def judge(finder, fit):
     left = openset.left(finder.problem, fit, J)
     moved = _moved(finder, fit, J) if fit.causes else []
     proofs, at = [], 0
+    most = max(finder.base.cost - finder.problem.degrees, 1e-9)
+    explains = (finder.base.cost - fit.cost) / most > EXPLAINS
     for i, cause in enumerate(fit.causes):
         rest = finder.refine(finder.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3)
         gain = max(rest.cost - fit.cost, 0.0)
         count = len(cause.params)
-        established = not left.matters or (
-            moved[at : at + count].max() < MOVES and gain > 0.2 * (finder.base.cost - finder.problem.degrees)
-        )
+        established = not left.matters or (explains and moved[at : at + count].max() < MOVES and gain > OWN * most)
         at += count
         sure = float(stats.norm.cdf((gain / max(fit.cost / finder.problem.degrees, 1.0) - finder.price) / (2 * np.sqrt(finder.price))))
         proofs.append(
-            Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (1.0 if established else 0.5), others[i], bool(established))
+            Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (DOUBT if left.matters else 1.0), others[i], bool(established))
         )
     return fit, proofs, left
 
 
-def verdict(fit, proofs, left):
-    """The word of the contract."""
-    if not fit.causes:
+def is_small(finder, cause):
+    """Whether all parameters of a cause are a small part of their usual sizes."""
+    spec = finder.problem.effects[cause.name].parameters
+    return all(abs(v) < TINY * abs(p.usual) for v, p in zip(cause.params, spec))
+
+
+def verdict(proofs, left):
+    """The word of the contract, of the Proofs of what matters."""
+    if not proofs:
         return "unknown" if left.matters else "none"
     if not left.matters:
         return "known"

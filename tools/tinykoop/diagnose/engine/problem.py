@@ -42,27 +42,33 @@ class Fit:
 
 
 class Problem:
-    def __init__(self, robot, log, rows, without=(), sigma=None):
-        self.robot, self.log = robot, log
+    """before: causes that act already and are not looked for: what a healthy robot has."""
+
+    def __init__(self, robot, log, rows, without=(), sigma=None, before=()):
+        self.robot, self.log, self.before = robot, log, ()
         self.rollouts = Rollouts(robot, log, rows)
+        self.everything = {}
         self.context = library.Context(robot, log)
         self.sigma = self.noise_of(log, robot) if sigma is None else sigma
         self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
         self._try()
-        self.finer = 0.0  # share of what a shorter step of time would change, that counts as the simulator's
+        self.finer, self.shift = 0.0, 0.0  # share of what a shorter step of time would change, that counts as the simulator's
         self.linearise(())
         self.velocities = velocity_like(self.slopes, log.dt)
         found = library.library(self.context, self.velocities, self.rollouts.spread)
         self.everything = found
         self.effects = {name: effect for name, effect in found.items() if name not in without}
+        if before:
+            self.before = tuple(before)
+            self.linearise(())
 
     @classmethod
-    def of(cls, robot, log, without=()):
+    def of(cls, robot, log, without=(), before=()):
         """In windows as long as the simulator stays near the log, ROWS at most."""
         rows = min(ROWS, longest_run(log.usable))
         while True:
             try:
-                return cls(robot, log, rows, without)
+                return cls(robot, log, rows, without, before=before)
             except RunsAway:
                 if rows < 2 * FEWEST:
                     raise
@@ -86,19 +92,19 @@ class Problem:
     def action(self, causes):
         """What the simulator is given."""
         action = self.rollouts.idle()
-        for cause in causes:
-            action = self.effects[cause.name].act(cause.params, action, self.context)
+        for cause in (*self.before, *causes):
+            action = self.everything[cause.name].act(cause.params, action, self.context)
         return action
 
     def linearise(self, causes):
         """Slopes along the windows with `causes`, from starts that are settled on the way."""
-        self.at, before = self.action(causes) if causes else self.rollouts.idle(), np.inf
+        self.at, before = self.action(causes), np.inf
         for _ in range(TURNS + 1):
             with np.errstate(all="ignore"):
-                self.X, self.Y = self.rollouts.run(self.at)
+                self.X, Y = self.rollouts.run(self.at)
+            self.Y = Y + self.finer * self.shift
             if not self.rollouts.stays(self.X):
                 raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within {self.rollouts.rows} rows")
-            self._step_finer()
             self.slopes = self.rollouts.slopes(self.X, self.at)
             self._eliminate()
             missed = self.rollouts.missed(self.Y)
@@ -108,14 +114,16 @@ class Problem:
                 break
             before = cost
             self._settle(missed)
+        self._step_finer()
 
     def _step_finer(self):
         """What shorter steps of time change of the predictions, as long as these change little."""
         self.rollouts.substeps = FINER
         with np.errstate(all="ignore"):
-            self.shift = np.nan_to_num(self.rollouts.run(self.at)[1] - self.Y)
+            coarse = self.rollouts.sense(self.X, self.at)
+            self.shift = np.nan_to_num(self.rollouts.run(self.at)[1] - coarse)
         self.rollouts.substeps = 1
-        self.Y = self.Y + self.finer * self.shift
+        self.Y = coarse + self.finer * self.shift
 
     def _eliminate(self):
         """What of a window's residual its start can make: directions (W, r, n) and by how much each is held back."""
@@ -151,8 +159,10 @@ class Problem:
         """The Fit of causes, by one pass."""
         causes = tuple(causes)
         with np.errstate(all="ignore"):
-            _, Y = self.rollouts.run(self.action(causes))
-            missed = self.rollouts.missed(Y + self.finer * self.shift)
+            try:
+                missed = self.rollouts.missed(self.rollouts.run(self.action(causes))[1] + self.finer * self.shift)
+            except RunsAway:
+                missed = np.inf
         if not np.isfinite(np.where(np.isfinite(self.rollouts.measured), missed, 0.0)).all():
             return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf))
         left = self.whiten(missed)

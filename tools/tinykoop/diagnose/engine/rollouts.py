@@ -7,6 +7,7 @@ import numpy as np
 from ...errors import UserError
 
 FEWEST = 8  # rows of a window
+ENOUGH = 8  # windows, of which a further one may be left out
 STEP = 1e-4  # of a signal's spread, by which slopes are taken
 AWAY = 1e3  # spreads of a signal, beyond which a run has left the log
 
@@ -30,14 +31,18 @@ class Action:
 
 
 def cut(usable, rows):
-    """First rows (W,) of windows of `rows` usable transitions in a row."""
-    starts, run = [], 0
+    """First rows (W,) of windows of `rows` usable transitions in a row.
+
+    Nobody knows what the actuators did before a run of rows began: its first window is left out where enough others are there.
+    """
+    starts, first, run = [], [], 0
     for k, good in enumerate(usable):
         run = run + 1 if good else 0
-        if run == rows:
+        if run and run % rows == 0:
             starts.append(k + 1 - rows)
-            run = 0
-    return np.array(starts, int)
+            first.append(run == rows)
+    starts, later = np.array(starts, int), ~np.array(first, bool)
+    return starts[later] if later.sum() >= ENOUGH else starts
 
 
 def longest_run(usable):
@@ -54,13 +59,17 @@ class Rollouts:
 
     def __init__(self, robot, log, rows):
         self.robot, self.log, self.rows = robot, log, rows
-        self.starts = cut(log.usable, rows)
-        self.index = self.starts[:, None] + np.arange(rows + 1)  # (W, H + 1)
-        self.measured = log.y[self.index]  # (W, H + 1, c)
         self.substeps = 1
         self.passes = 0.0
         self.spread = _spread(log)
-        self.x0 = np.nan_to_num(log.x[self.starts])
+        self.put(cut(log.usable, rows))
+
+    def put(self, starts):
+        """Windows that begin in these rows (W,)."""
+        self.starts = starts
+        self.index = starts[:, None] + np.arange(self.rows + 1)  # (W, H + 1)
+        self.measured = self.log.y[self.index]  # (W, H + 1, c)
+        self.x0 = np.nan_to_num(self.log.x[starts])
 
     def idle(self):
         """Nothing acts."""

@@ -1,13 +1,15 @@
 """One flight in, one answer out: the report of the contract and what its page draws."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
 from ... import replay, sim
 from ...errors import UserError
-from ..fit import ALWAYS, active
+from .. import elsewhere
+from ..fit import active
+from ..robot import check_effects
 from . import advise, evidence, gap, where
 from .baseline import Baseline, of_vehicle, simulated
 from .generic import FEIGNED, SIGNIFICANT, Generic
@@ -123,10 +125,7 @@ def _floor(healthy, yaw):
 def diagnose(log, fresh=None, without=(), own=None):
     """The Diagnosis of a flight (sim.Log); own: a healthy flight of this vehicle, which else is the simulated one."""
     platform = Fwmav()
-    known = sim.effects(platform.name)
-    for name in without:
-        if name not in known:
-            raise UserError(f"--without {name}: there is no such effect; there are {', '.join(known)}")
+    check_effects(without, sim.effects(platform.name))
     healthy = baseline_of(own) if own is not None else simulated()
     shaking, noise, whiten = _shaken(log, healthy)
     if "vibration" in without:
@@ -181,9 +180,11 @@ def diagnose(log, fresh=None, without=(), own=None):
     if fresh is not None:
         other = _pieces(platform, fresh, noise)
         rows = gap.starts_of(other)
-        always = tuple(replace(cause, segments=ALWAYS) for cause in fit.causes)
-        parts = gap.ahead(other, (), rows), gap.ahead(other, always, rows)
-        report["fresh"] = {"gap": gap.summary(*parts, _floor(noise, turns_yaw(fresh)))}
+        misfit = lambda causes: float(np.sum(other.whiten(other.residual(active(causes))) ** 2))  # noqa: E731
+        carried = elsewhere.carry(fit.causes, platform.effects(), (log, fresh), misfit)
+        parts = [gap.ahead(other, causes, rows) for causes in ((), elsewhere.acting(carried))]
+        there = elsewhere.told(carried, platform.effects())
+        report["fresh"] = {"gap": gap.summary(*parts, _floor(noise, turns_yaw(fresh))), "effects": there}
         result.fresh_log, result.fresh_errors = fresh, parts
     return result
 

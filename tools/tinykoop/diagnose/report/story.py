@@ -61,10 +61,12 @@ def sentence(report):
     """The verdict in one sentence."""
     named = words.listed(effect_text(e) for e in report["effects"])
     name, gap = _first_gap(report)
+    since = report["healthy"]["logs"] > 0
     if report["verdict"] == "none":
-        return f"The simulator explains this log down to its noise: {fall(name, gap)}."
+        what = "Nothing has changed since the healthy logs" if since else "The simulator explains this log down to its noise"
+        return f"{what}: {fall(name, gap)}."
     if report["verdict"] == "known":
-        return f"What the simulator lacks: {named}. {words.capital(fall(name, gap))}."
+        return f"What {'has changed since the healthy logs' if since else 'the simulator lacks'}: {named}. {words.capital(fall(name, gap))}."
     if report["verdict"] == "partly":
         return f"Part of the gap is {named}; something more is left. {words.capital(fall(name, gap))}."
     return f"The simulator lacks something that none of the effects explains: {fall(name, gap)}."
@@ -80,6 +82,8 @@ def asides(report):
             said.append(f"{effect['name']} is {words.percent(effect['confidence'])} sure.")
     for effect in report["best_fit"][:1]:
         said.append(f"The best fit, which is not believed: {words.listed(effect_text(e) for e in report['best_fit'])}.")
+    if report["small"]:
+        said.append(f"Significant, but too small to matter: {words.listed(effect_text(e) for e in report['small'])}.")
     left = report["unexplained"]
     if left["depends_on"]:
         said.append(
@@ -87,7 +91,19 @@ def asides(report):
         )
     if report["time_step"]["matters"]:
         said.append("The simulator's step of time is too long for this log: shorter steps bring it nearer. That is taken into account.")
+    if "surrogate" in report:
+        said.append(_of_surrogate(report))
     return tuple(said)
+
+
+def _of_surrogate(report):
+    """What stood in the place of a simulator that is known by a recorded run alone."""
+    surrogate = report["surrogate"]
+    worst = words.percent(max(surrogate["off"].values()))
+    return (
+        f"The simulator is known only by its run {surrogate['file']}: a surrogate, which was fitted to that run, stood in for it."
+        f" {surrogate['rows']} steps ahead, on rows that it was not fitted to, the surrogate is off by {worst} of this log's noise at most."
+    )
 
 
 GAP_HEADERS = ("steps ahead", "before", "after", "noise floor", "closed", "95 % interval")

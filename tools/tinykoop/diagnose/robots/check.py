@@ -17,7 +17,6 @@ from ..engine.rollouts import RunsAway
 from ..report.story import size_of
 from ..words import say
 from . import toml
-from .log import read
 
 ROWS, WINDOWS = 8, 40  # of the log, that are looked at
 BETTER = 5.0  # times smaller a misfit, from which on a mistake is named
@@ -211,10 +210,9 @@ def check(robot, log):
     return [*found, *_deaf(robot, log, rows), *_late(robot, log, rows)], base
 
 
-def run(robot_file, log_file):
+def run(robot_file, log_file, sim=None):
     """Prints what looks wrong, how far the simulator is off, and which effects this log cannot tell apart; 2 where it cannot be right."""
-    robot = toml.read(robot_file)
-    log = read(log_file, robot)
+    robot, log = toml.read_both(robot_file, log_file, sim)
     found, size = check(robot, log)
     say(f"{robot.name}: {len(log.t)} rows, {log.t[-1] - log.t[0]:.4g} s at {1 / log.dt:.4g} Hz", "bold")
     for finding in found:

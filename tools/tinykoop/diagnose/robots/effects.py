@@ -3,13 +3,11 @@
 import numpy as np
 
 from ... import sim
-from ...errors import UserError
 from ...results import number, print_table
 from ..engine import effects
 from ..engine.problem import Problem
-from ..platform import PLATFORMS
 from ..robot import RobotLog
-from . import toml
+from . import is_own, toml
 from .log import read
 
 ROWS = 20
@@ -41,9 +39,7 @@ def _of_own(robot, log):
 
 def run(robot, log_file=None):
     """Prints the table."""
-    own = robot.endswith(".toml")
-    if not own and robot not in (*PLATFORMS, "fwmav"):
-        raise UserError(f"--robot {robot}: is none of {', '.join([*PLATFORMS, 'fwmav'])}, nor a file that ends in .toml")
+    own = is_own(robot)
     found = toml.read(robot) if own else None
     rows, note = [], ""
     for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot):

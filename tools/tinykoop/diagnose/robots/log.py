@@ -64,3 +64,14 @@ def _log(path, robot, values):
     if usable.sum() < FEWEST:
         raise UserError(f"{path}: {int(usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST} at least")
     return RobotLog(t, x, np.nan_to_num(u), y, usable, dt)
+
+
+def joined(logs):
+    """Several RobotLogs one after the other, with no transition between them."""
+    t, end = [], 0.0
+    for log in logs:
+        t.append(log.t - log.t[0] + end)
+        end = t[-1][-1] + log.dt
+    usable = np.concatenate([np.r_[log.usable, False] for log in logs])[:-1]
+    x, u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in "xuy")
+    return RobotLog(np.concatenate(t), x, u, y, usable, logs[0].dt)

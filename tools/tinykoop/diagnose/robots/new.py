@@ -24,6 +24,7 @@ command = [
 [simulator]  # what you believe the robot does; `tinykoop diagnose` says what is missing in it
 python = "{name}.py:step"
 # library = "./{name}.so:step"  # int step(const double *x, const double *u, double dt, const double *params, double *x_next)
+# fmu = "{name}.fmu"  # of FMI 2.0 or 3.0, for co-simulation
 # hidden = ["vx"]  # states that no column measures, behind those of the log
 
 # [[parameter]]  # of the simulator, that may be wrong: params[0] in step()

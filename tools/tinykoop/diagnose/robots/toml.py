@@ -7,7 +7,8 @@ from pathlib import Path
 from ...errors import UserError
 from .. import simulators
 from ..robot import Gap, Inner, Robot, Signal
-from ..simulators import python
+from ..simulators import python, recorded
+from .log import read as read_log
 
 # What one of a unit is in the unit that a robot is told in.
 UNITS = {
@@ -59,7 +60,7 @@ def _inner(table, path):
     usual = float(table.get("usual", 0.1 * (high - low)))
     if not low < high or not usual > 0 or (math.isfinite(value) and not low <= value <= high):
         raise UserError(f"{path}: {where}: low < high, value between them and usual above 0 are needed")
-    return Inner(name, table.get("unit", "1"), value, low, high, usual, table.get("field"))
+    return Inner(name, table.get("unit", "1"), value, low, high, usual, table.get("field", name))
 
 
 def _text(path):
@@ -85,8 +86,21 @@ def _gaps(table, states, path):
     return found
 
 
-def read(path):
-    """The Robot of a TOML file."""
+def _simulator(table, path):
+    if "simulator" not in table:
+        raise UserError(f"{path}: has no [simulator]; name it there, or give what it does under the log's commands: --sim SIM.csv")
+    return _need(table, "simulator", dict, "the file", path)
+
+
+def read_both(path, log_file, sim=None):
+    """(Robot of a TOML file, its RobotLog); sim: a run of the simulator (CSV), in the place of what the TOML has."""
+    robot = read(path, sim is None)
+    log = read_log(log_file, robot)
+    return (recorded.of(robot, sim, log) if sim else robot), log
+
+
+def read(path, simulated=True):
+    """The Robot of a TOML file; without a simulator and what belongs to that if it is not `simulated`."""
     path = Path(path)
     table = _text(path)
     _expect(table, SECTIONS, "the file", path)
@@ -97,10 +111,10 @@ def read(path):
     states = tuple(_signal(s, "[log] state", path) for s in _need(log, "state", list, "[log]", path))
     commands = tuple(_signal(s, "[log] command", path) for s in _need(log, "command", list, "[log]", path))
     outputs = tuple(_signal(s, "[log] extra", path) for s in log.get("extra", []))
-    simulator = _need(table, "simulator", dict, "the file", path)
+    simulator = _simulator(table, path) if simulated else {}
     states += tuple(Signal(*h.split("@")) if "@" in h else Signal(h, "1") for h in simulator.get("hidden", []))
     _expect(simulator, simulators.keys(), "[simulator]", path)
-    parameters = tuple(_inner(p, path) for p in table.get("parameter", []))
+    parameters = tuple(_inner(p, path) for p in table.get("parameter", []) if simulated)
     names = [s.name for s in (*states, *commands)]
     for name in names:
         if names.count(name) > 1:
@@ -110,7 +124,7 @@ def read(path):
             raise UserError(f"{path}: [log] extra {output.name}: measures must be one of {', '.join(names)}")
     effects = table.get("effects", {})
     own = tuple(python.load(place, path.parent) for place in effects.get("own", []))
-    model, parameters = simulators.make(simulator, path.parent, states, commands, parameters)
+    model, parameters = simulators.make(simulator, path.parent, states, commands, parameters) if simulated else (None, ())
     gaps = tuple(_gaps(table, [s.name for s in states], path)) or tuple(Gap(s.name, s.unit, (s.name,)) for s in states if s.column)
     return Robot(
         _need(table, "name", str, "the file", path),

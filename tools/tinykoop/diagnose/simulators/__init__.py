@@ -8,9 +8,9 @@ from dataclasses import replace
 from math import isfinite
 
 from ...errors import UserError
-from . import mujoco, python, shared_library
+from . import fmu, mujoco, python, shared_library
 
-KINDS = {"python": python, "library": shared_library, "mujoco": mujoco}
+KINDS = {"python": python, "library": shared_library, "mujoco": mujoco, "fmu": fmu}
 
 
 def keys():

@@ -195,7 +195,5 @@ def make(table, folder, names):
     sensed = [states.index(name) for name in places]
     if sorted([*state, *sensed]) != list(range(len(states))):
         raise UserError(f"[simulator] qpos, qvel, act and sensordata must name every state once; the states are {', '.join(states)}")
-    if not all(fields):
-        raise UserError("[[parameter]]: field is missing; such as body/hand/mass or joint/wheel/damping")
     ctrl = _order(table, "ctrl", _named(model, "actuator"), commands)
     return Mujoco(model, state, ctrl, sensed, [_address(model, p) for p in places.values()], [Field(model, f) for f in fields])

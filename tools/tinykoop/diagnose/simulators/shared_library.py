@@ -1,12 +1,23 @@
 """A C function in a shared library: int step(const double *x, const double *u, double dt, const double *params, double *x_next)."""
 
 import ctypes
+import os
+from itertools import repeat
 
 import numpy as np
 
 from ...errors import UserError
 
-REAL = ctypes.POINTER(ctypes.c_double)
+# Addresses, not typed pointers: making one costs more than most simulators' step.
+ARGUMENTS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)
+# The library's own names first: else its calls of its own `step` reach the C library's old function of that name.
+MODE = getattr(os, "RTLD_DEEPBIND", 0)
+
+
+def _rows(array):
+    """Addresses of the rows of an array (W, k)."""
+    first, size = array.ctypes.data, array.shape[1] * array.itemsize
+    return range(first, first + len(array) * size, size) if size else repeat(first)
 
 
 class Library:
@@ -15,12 +26,12 @@ class Library:
 
     def step(self, x, u, dt, params):
         x, u, params = (np.ascontiguousarray(a, float) for a in (x, u, params))
-        after = np.empty_like(x)
-        at = lambda a: a.ctypes.data_as(REAL)  # noqa: E731
-        for row in range(len(x)):
-            status = self.function(at(x[row]), at(u[row]), dt, at(params), at(after[row]))
+        after, function, numbers = np.empty_like(x), self.function, params.ctypes.data
+        for at, command, to in zip(_rows(x), _rows(u), _rows(after)):
+            status = function(at, command, dt, numbers, to)
             if status:
-                raise UserError(f"{self.place}: returns {status} for the state {np.array2string(x[row], precision=4)}; return 0")
+                state = np.array2string(x[_rows(x).index(at)], precision=4)
+                raise UserError(f"{self.place}: returns {status} for the state {state}; return 0")
         return after
 
 
@@ -32,9 +43,8 @@ def make(table, folder, names):
     file, _, name = place.rpartition(":")
     path = folder / file
     try:
-        function = getattr(ctypes.CDLL(str(path.resolve())), name)
+        function = getattr(ctypes.CDLL(str(path.resolve()), MODE), name)
     except (OSError, AttributeError) as error:
         raise UserError(f"{place}: {error}; write FILE.so:NAME, relative to the robot's file") from error
-    function.argtypes = (REAL, REAL, ctypes.c_double, REAL, REAL)
-    function.restype = ctypes.c_int
+    function.argtypes, function.restype = ARGUMENTS, ctypes.c_int
     return Library(function, place)

@@ -1,0 +1,50 @@
+"""Several logs of one robot, each diagnosed in a process of its own, and one table of all."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from ..errors import UserError
+from ..results import output_folder, print_table, write_json
+from ..workers import each, workers
+from . import words
+
+
+def _diagnosed(command, log, out):
+    """(log, report or None, what was said) of one log."""
+    done = subprocess.run([*command, str(log), "--out", str(out)], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    report = json.loads((out / "report.json").read_text()) if done.returncode == 0 else None
+    return log, report, done.stderr.strip()
+
+
+def _folders(logs, out):
+    """A folder of its own for each log, by its name."""
+    names = [Path(log).stem for log in logs]
+    return [out / (name if names.count(name) == 1 else f"{i + 1}-{name}") for i, name in enumerate(names)]
+
+
+def _line(log, report):
+    effects = "; ".join(f"{e['name']} {', '.join(f'{k} {v:.3g}' for k, v in e['params'].items())}" for e in report["effects"])
+    gap = report["gap"]
+    last = list(gap["before"])[-1]
+    closed = gap["closed_fraction"][last]
+    return Path(log).name, report["verdict"], effects or "-", f"{gap['before'][last]:.3g}", f"{gap['after'][last]:.3g}", words.percent(closed)
+
+
+def run(logs, out, options, jobs=None, cluster=None):
+    """One report for each log under `out`, and diagnoses.json with all; options: the other arguments of `tinykoop diagnose`."""
+    out = output_folder(out)
+    command = (sys.executable, "-m", "tinykoop.cli", "diagnose", *options)
+    with workers(cluster, jobs):
+        found = {}
+        for log, report, said in each(_diagnosed, [(command, log, folder) for log, folder in zip(logs, _folders(logs, out))], "logs"):
+            found[str(log)] = (report, said)
+    write_json(out / "diagnoses.json", [{"log": str(log), "report": found[str(log)][0], "error": found[str(log)][1]} for log in logs])
+    good = [(log, found[str(log)][0]) for log in logs if found[str(log)][0]]
+    print_table(
+        f"{len(good)} of {len(logs)} logs; errors at the longest horizon",
+        ("log", "verdict", "effects", "before", "after", "closed"), [_line(*pair) for pair in good],
+    )  # fmt: skip
+    if len(good) < len(logs):
+        raise UserError("\n".join(found[str(log)][1] or f"{log}: failed" for log in logs if not found[str(log)][0]))

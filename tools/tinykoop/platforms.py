@@ -1,0 +1,34 @@
+"""The robots that come with TinyKoop, by the columns of their logs; host_sim/ knows the same ones."""
+
+from .errors import UserError
+
+COLUMNS = {  # beside t
+    "ddr": ("px", "py", "theta", "v", "omega"),
+    "fwmav": ("gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"),
+}
+COMMANDS = ("v", "omega", "u")
+HEADER = 1 << 16  # characters of the first line that are looked at
+
+
+def sizes(platform):
+    """(number of states, number of commands)."""
+    check(platform)
+    commands = sum(column in COMMANDS for column in COLUMNS[platform])
+    return len(COLUMNS[platform]) - commands, commands
+
+
+def check(platform, *others):
+    """Refuses what is no platform; others: what may be given beside one."""
+    if platform not in COLUMNS:
+        *most, last = *COLUMNS, *others
+        raise UserError(f"there is no platform named '{platform}': use {', '.join(most)} or {last}")
+
+
+def of_log(path):
+    """The platform of which the header names the largest share of columns; other files are left to the reader to refuse."""
+    try:
+        with open(path, encoding="utf-8-sig", errors="replace") as file:
+            names = {name.strip() for name in file.readline(HEADER).split(",")}
+    except OSError as error:
+        raise UserError(f"{path}: cannot be opened ({error.strerror}); check the path")
+    return max(COLUMNS, key=lambda platform: len(names.intersection(COLUMNS[platform])) / len(COLUMNS[platform]))

@@ -54,7 +54,7 @@ class Problem:
         self._try()
         self.finer, self.shift = 0.0, 0.0  # share of what a shorter step of time would change, that counts as the simulator's
         self.linearise(())
-        self.velocities = velocity_like(self.slopes, log.dt)
+        self.velocities = getattr(robot.simulator, "rates", None) or velocity_like(self.slopes, log.dt)
         found = library.library(self.context, self.velocities, self.rollouts.spread)
         self.everything = found
         self.effects = {name: effect for name, effect in found.items() if name not in without}

@@ -77,10 +77,12 @@ class Rollouts:
 
     def advance(self, x, u, action):
         """One row of time, in `substeps` steps."""
-        dt = self.log.dt * action.clock / self.substeps
+        dt, simulator = self.log.dt * action.clock / self.substeps, self.robot.simulator
+        if self.substeps > 1 and hasattr(simulator, "finer"):  # else it takes its own steps in each of ours
+            simulator = simulator.finer(self.substeps)
         self.passes += self.substeps * len(x) / (len(self.starts) * self.rows)
         for _ in range(self.substeps):
-            after = self.robot.simulator.step(x, u, dt, action.params)
+            after = simulator.step(x, u, dt, action.params)
             if action.push is not None:
                 after = after + dt * action.push(x, u)
             x = after

@@ -50,8 +50,9 @@ class Problem:
         self.everything = {}
         self.context = library.Context(robot, log)
         self.sigma = self.noise_of(log, robot) if sigma is None else sigma
-        self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
         self._try()
+        self.rollouts.begin()
+        self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
         self.finer, self.shift = 0.0, 0.0  # share of what a shorter step of time would change, that counts as the simulator's
         self.linearise(())
         self.velocities = getattr(robot.simulator, "rates", None) or velocity_like(self.slopes, log.dt)

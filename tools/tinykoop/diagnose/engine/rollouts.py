@@ -71,6 +71,17 @@ class Rollouts:
         self.measured = self.log.y[self.index]  # (W, H + 1, c)
         self.x0 = np.nan_to_num(self.log.x[starts])
 
+    def begin(self):
+        """Hidden states start as a run leaves them in the window before, at its end, and have the spread of such ends."""
+        hidden = [i for i, signal in enumerate(self.robot.states) if not signal.column]
+        ends = self.run(self.idle())[0][:, -1, hidden] if hidden else np.zeros((0, 0))
+        if not hidden or not np.isfinite(ends).all():
+            return
+        self.x0[:, hidden] = ends.mean(0)
+        follows = np.flatnonzero(np.diff(self.starts) == self.rows) + 1
+        self.x0[np.ix_(follows, hidden)] = ends[follows - 1]
+        self.spread.x[hidden] = [_reach(end) or 1.0 for end in ends.T]
+
     def idle(self):
         """Nothing acts."""
         return Action(self.log.u, self.robot.nominal)
@@ -99,7 +110,8 @@ class Rollouts:
 
     def stays(self, X):
         """Whether runs X (W, H + 1, n) stay in the reach of the log."""
-        return bool((np.abs(X - self.x0[:, None]) < AWAY * self.spread.x).all())
+        seen = self.robot.measured
+        return bool(np.isfinite(X).all() and (np.abs(X - self.x0[:, None]) < AWAY * self.spread.x)[..., seen].all())
 
     def sense(self, X, action):
         Y = self.robot.sense(X, action.u[self.index])

@@ -17,7 +17,9 @@ FINER, LIMIT = 4, 4 / 3
 ROWS = 50  # of a window: the longest horizon that is reported
 START = 1e3  # spreads of a measured state, by which its start may be off: it is free
 HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
-SETTLED, TURNS = 0.9, 3  # share of the misfit that another turn of starts must leave at most; turns
+SETTLED, TURNS = 0.5, 4  # share of the misfit that a turn of starts may leave, to be followed by another; turns
+NEAR = 10.0  # times the noise, by which a turn moves a measured start without more ado
+STUCK = 100.0  # times more damping, where a turn gains nothing
 
 
 @dataclass(frozen=True)
@@ -98,24 +100,58 @@ class Problem:
         return action
 
     def linearise(self, causes):
-        """Slopes along the windows with `causes`, from starts that are settled on the way."""
-        self.at, before = self.action(causes), np.inf
-        for _ in range(TURNS + 1):
-            with np.errstate(all="ignore"):
-                self.X, Y = self.rollouts.run(self.at)
-            self.Y = Y + self.finer * self.shift
-            if not self.rollouts.stays(self.X):
-                raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within {self.rollouts.rows} rows")
-            self.slopes = self.rollouts.slopes(self.X, self.at)
-            self._eliminate()
-            missed = self.rollouts.missed(self.Y)
-            cost = float((self.whiten(missed) ** 2).sum())
-            raw = float(np.nansum((missed / self.sigma) ** 2))
-            if raw < 2.0 * cost or cost > SETTLED * before:
+        """Slopes along the windows with `causes`, from starts that are settled first."""
+        self.at = self.action(causes)
+        self.X, self.Y = self._followed()
+        if not self.rollouts.stays(self.X):
+            raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within {self.rollouts.rows} rows")
+        self._slope()
+        damping = np.ones(len(self.X))
+        for _ in range(TURNS):
+            if not self._settle(damping):
                 break
-            before = cost
-            self._settle(missed)
+            self._slope()
+        self.slopes = self.rollouts.completed(self.slopes, self.X, self.at)
         self._step_finer()
+
+    def _followed(self):
+        """Runs from the starts: states (W, H + 1, n), channels (W, H + 1, c)."""
+        with np.errstate(all="ignore"):
+            X, Y = self.rollouts.run(self.at)
+            return X, Y + self.finer * self.shift
+
+    def _slope(self):
+        self.slopes = self.rollouts.slopes(self.X, self.at)
+        self._eliminate()
+
+    def _settle(self, damping):
+        """Moves the starts by the slopes, in the windows where that gains; whether it gained much in all. damping: (W,)."""
+        missed, x0 = self._over_noise(self.Y), self.rollouts.x0
+        squares = (missed**2).sum(1)
+        least = (self.whiten(self.rollouts.missed(self.Y)).reshape(missed.shape) ** 2).sum(1)
+        if squares.sum() < 2.0 * least.sum():
+            return False
+        wrong = np.maximum(least / (missed != 0).sum(1), 1.0)  # a start shall not make up for a simulator that is off
+        self.rollouts.x0 = x0 + self._move(missed, damping * wrong)
+        X, Y = self._followed()
+        after = (self._over_noise(Y) ** 2).sum(1)
+        gains = after < squares
+        self.rollouts.x0[~gains] = x0[~gains]
+        self.X[gains], self.Y[gains] = X[gains], Y[gains]
+        damping[~gains] *= STUCK
+        return after[gains].sum() < SETTLED * squares.sum()
+
+    def _move(self, missed, weight):
+        """Moves of the starts (W, n) that leave least of residuals (W, r), held back by `weight` (W,)."""
+        near = self.prior.copy()
+        near[self.robot.measured] = NEAR * self.sigma[: len(self.robot.measured)]
+        S = self._S * (near / self.prior)
+        gram = np.swapaxes(S, 1, 2) @ S + weight[:, None, None] * np.eye(len(near))
+        return np.linalg.solve(gram, np.einsum("wri,wr->wi", S, missed)[..., None])[..., 0] * near
+
+    def _over_noise(self, Y):
+        """Residuals (W, r) in parts of the noise, 0 where nothing was measured."""
+        return np.where(np.isfinite(self.rollouts.measured), self.rollouts.missed(Y) / self.sigma, 0.0).reshape(len(Y), -1)
 
     def _step_finer(self):
         """What shorter steps of time change of the predictions, as long as these change little."""
@@ -130,16 +166,10 @@ class Problem:
         """What of a window's residual its start can make: directions (W, r, n) and by how much each is held back."""
         S = self.sensed(self.slopes.starts()) / self.sigma[None, None, :, None] * self.prior
         S = np.where(np.isfinite(self.rollouts.measured)[..., None], S, 0.0)
-        flat = S.reshape(len(S), -1, S.shape[-1])
-        self._U, self._s, self._Vt = np.linalg.svd(flat, full_matrices=False)
-        self._keep = 1 - 1 / np.sqrt(1 + self._s**2)
-        self.degrees = int(np.isfinite(self.rollouts.measured).sum()) - float((self._s**2 / (1 + self._s**2)).sum())
-
-    def _settle(self, missed):
-        """Moves the starts to where the residual is smallest, by the slopes."""
-        r = np.nan_to_num(missed / self.sigma).reshape(len(missed), -1)
-        gain = np.einsum("wri,wr->wi", self._U, r) * self._s / (1 + self._s**2)
-        self.rollouts.x0 = self.rollouts.x0 + np.einsum("wij,wi->wj", self._Vt, gain) * self.prior
+        self._S = S.reshape(len(S), -1, S.shape[-1])
+        self._U, size, _ = np.linalg.svd(self._S, full_matrices=False)
+        self._keep = 1 - 1 / np.sqrt(1 + size**2)
+        self.degrees = int(np.isfinite(self.rollouts.measured).sum()) - float((size**2 / (1 + size**2)).sum())
 
     def sensed(self, Z):
         """Channels of state changes Z (.., n, q)."""

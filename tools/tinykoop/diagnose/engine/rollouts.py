@@ -9,6 +9,7 @@ from ...errors import UserError
 FEWEST = 8  # rows of a window
 ENOUGH = 8  # windows, of which a further one may be left out
 STEP = 1e-4  # of a signal's spread, by which slopes are taken
+STILL = 1e-6  # by which slopes may differ from that
 AWAY = 1e3  # spreads of a signal, beyond which a run has left the log
 
 
@@ -61,6 +62,7 @@ class Rollouts:
         self.robot, self.log, self.rows = robot, log, rows
         self.substeps = 1
         self.passes = 0.0
+        self.still = ()  # states of which a change stays as it is and moves no other; known from the first slopes on
         self.spread = _spread(log)
         self.put(cut(log.usable, rows))
 
@@ -128,20 +130,23 @@ class Rollouts:
         return left
 
     def slopes(self, X, action):
-        """The Slopes of one step along the states X (W, H + 1, n)."""
-        W, H, n = len(self.starts), self.rows, X.shape[2]
-        x, u = X[:, :-1].reshape(-1, n), action.u[self.index[:, :-1]].reshape(W * H, -1)
-        at = self.advance(x, u, action)
-        shape = lambda d: d.reshape(W, H, n)  # noqa: E731
-        A = np.stack([shape(self._slope(x, u, action, at, "x", i)) for i in range(n)], -1)
-        B = np.stack([shape(self._slope(x, u, action, at, "u", j)) for j in range(u.shape[1])], -1)
-        G = [shape(self._slope(x, u, action, at, "p", i)) for i in range(len(action.params))]
-        C = shape(self._slope(x, u, action, at, "clock", 0))
-        return Slopes(A, B, np.stack(G, -1) if G else np.zeros((W, H, n, 0)), C)
+        """The Slopes of one step along the runs X (W, H + 1, n): to states only."""
+        n, still = X.shape[2], self.still if action.push is None else ()
+        unit = np.broadcast_to(np.eye(n), (len(self.starts), self.rows, n, n))
+        A = np.stack([unit[..., i] if i in still else self._slope(X, action, "x", i) for i in range(n)], -1)
+        self.still = self.still or tuple(np.flatnonzero(np.abs(A - unit).max((0, 1, 2)) < STILL))
+        return Slopes(A)
 
-    def _slope(self, x, u, action, at, what, i):
-        """d step / d element i of x, u, parameters or clock, by one pass."""
-        x, u, params, clock = x.copy(), u.copy(), action.params.copy(), action.clock
+    def completed(self, slopes, X, action):
+        """Slopes to commands, parameters and clock, too."""
+        B = np.stack([self._slope(X, action, "u", j) for j in range(action.u.shape[1])], -1)
+        G = [self._slope(X, action, "p", i) for i in range(len(action.params))]
+        return Slopes(slopes.A, B, np.stack(G, -1) if G else np.zeros((*B.shape[:3], 0)), self._slope(X, action, "clock", 0))
+
+    def _slope(self, X, action, what, i):
+        """d step / d element i of x, u, parameters or clock along the runs X, (W, H, n), by one pass."""
+        x, u = X[:, :-1].reshape(-1, X.shape[2]).copy(), action.u[self.index[:, :-1]].reshape(-1, action.u.shape[1])
+        params, clock = action.params.copy(), action.clock
         if what == "x":
             h = STEP * self.spread.x[i]
             x[:, i] += h
@@ -154,8 +159,8 @@ class Rollouts:
         else:
             h = STEP
             clock += h
-        moved = Action(action.u, params, action.push, clock)
-        return (self.advance(x, u, moved) - at) / h
+        moved = self.advance(x, u, Action(action.u, params, action.push, clock))
+        return (moved.reshape(X[:, 1:].shape) - X[:, 1:]) / h
 
 
 @dataclass(frozen=True)
@@ -163,9 +168,9 @@ class Slopes:
     """Of one step: to states A (W, H, n, n), commands B (.., m), parameters G (.., p), clock C (W, H, n)."""
 
     A: np.ndarray
-    B: np.ndarray
-    G: np.ndarray
-    C: np.ndarray
+    B: np.ndarray | None = None
+    G: np.ndarray | None = None
+    C: np.ndarray | None = None
 
     def carry(self, pushes):
         """What pushes (W, H, n, q), added to each step, make of the states (W, H + 1, n, q)."""

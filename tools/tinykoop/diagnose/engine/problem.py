@@ -57,7 +57,7 @@ class Problem:
         self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
         self.finer, self.shift = 0.0, 0.0  # share of what a shorter step of time would change, that counts as the simulator's
         self.linearise(())
-        self.velocities = getattr(robot.simulator, "rates", None) or velocity_like(self.slopes, log.dt)
+        self.velocities = getattr(robot.simulator, "velocities", None) or velocity_like(self.slopes, log.dt)
         found = library.library(self.context, self.velocities, self.rollouts.spread)
         self.everything = found
         self.effects = {name: effect for name, effect in found.items() if name not in without}
@@ -217,7 +217,7 @@ class Problem:
 
     def pushes(self, actions):
         """What actions add to each step of the linearised windows (W, H, n, q)."""
-        index, dt = self.rollouts.index[:, :-1], self.log.dt
+        index = self.rollouts.index[:, :-1]
         x, u = self.X[:, :-1], self.at.u[index]
         W, H, n = x.shape
         out = np.zeros((W, H, n, len(actions)))
@@ -230,7 +230,7 @@ class Problem:
             for push, sign in ((action.push, 1), (self.at.push, -1)):
                 if push is not None and action.push is not self.at.push:
                     flat = push(x.reshape(-1, n), u.reshape(W * H, -1))
-                    out[..., q] += sign * dt * np.broadcast_to(flat, (W * H, n)).reshape(W, H, n)
+                    out[..., q] += sign * (self.slopes.F @ np.broadcast_to(flat, (W * H, n)).reshape(W, H, n, 1))[..., 0]
         return out
 
     def generic(self):
@@ -242,8 +242,8 @@ class Problem:
         self.generic_names = [(name, self.robot.states[i].name) for name, _ in found for i in pushed]
         out = np.zeros((W, H, n, len(self.generic_names)))
         for q, (values, i) in enumerate((values, i) for _, values in found for i in pushed):
-            out[:, :, i, q] = values * GENERIC * self.rollouts.spread.x[i] * self.log.dt
-        return self.sensed(self.slopes.carry(out))
+            out[:, :, i, q] = values * GENERIC * self.rollouts.spread.x[i]
+        return self.sensed(self.slopes.carry(self.slopes.F @ out))
 
     def columns(self, trials):
         """Whitened columns (n, q): how predictions change from the linearised ones to those of each trial's causes."""

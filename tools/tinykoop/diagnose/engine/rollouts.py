@@ -31,6 +31,11 @@ class Action:
     outputs: tuple = ()  # functions of (channels (W, H + 1, c), rows (W, H + 1), dt) applied in turn
 
 
+def pushed(push, more):
+    """A push with another one, of the same for all states, beside it."""
+    return lambda x, u: more if push is None else more + push(x, u)
+
+
 def cut(usable, rows):
     """First rows (W,) of windows of `rows` usable transitions in a row.
 
@@ -95,10 +100,12 @@ class Rollouts:
             simulator = simulator.finer(self.substeps)
         self.passes += self.substeps * len(x) / (len(self.starts) * self.rows)
         for _ in range(self.substeps):
-            after = simulator.step(x, u, dt, action.params)
-            if action.push is not None:
-                after = after + dt * action.push(x, u)
-            x = after
+            push = None if action.push is None else np.broadcast_to(action.push(x, u), x.shape)
+            if hasattr(simulator, "velocities"):  # its own forces answer a push
+                x = simulator.step(x, u, dt, action.params, push)
+            else:
+                after = simulator.step(x, u, dt, action.params)
+                x = after if push is None else after + dt * push
         return x
 
     def run(self, action, x0=None):
@@ -138,15 +145,19 @@ class Rollouts:
         return Slopes(A)
 
     def completed(self, slopes, X, action):
-        """Slopes to commands, parameters and clock, too."""
+        """Slopes to commands, parameters, clock and pushes, too."""
         B = np.stack([self._slope(X, action, "u", j) for j in range(action.u.shape[1])], -1)
         G = [self._slope(X, action, "p", i) for i in range(len(action.params))]
-        return Slopes(slopes.A, B, np.stack(G, -1) if G else np.zeros((*B.shape[:3], 0)), self._slope(X, action, "clock", 0))
+        G = np.stack(G, -1) if G else np.zeros((*B.shape[:3], 0))
+        F = self.log.dt * np.broadcast_to(np.eye(X.shape[2]), slopes.A.shape)
+        for i in getattr(self.robot.simulator, "velocities", ()):
+            F = np.where(np.arange(X.shape[2]) == i, self._slope(X, action, "push", i)[..., None], F)
+        return Slopes(slopes.A, B, G, self._slope(X, action, "clock", 0), F)
 
     def _slope(self, X, action, what, i):
-        """d step / d element i of x, u, parameters or clock along the runs X, (W, H, n), by one pass."""
+        """d step / d element i of x, u, parameters, clock or push along the runs X, (W, H, n), by one pass."""
         x, u = X[:, :-1].reshape(-1, X.shape[2]).copy(), action.u[self.index[:, :-1]].reshape(-1, action.u.shape[1])
-        params, clock = action.params.copy(), action.clock
+        params, clock, push = action.params.copy(), action.clock, action.push
         if what == "x":
             h = STEP * self.spread.x[i]
             x[:, i] += h
@@ -156,21 +167,25 @@ class Rollouts:
         elif what == "p":
             h = STEP * abs(self.robot.parameters[i].usual)
             params[i] += h
-        else:
+        elif what == "clock":
             h = STEP
             clock += h
-        moved = self.advance(x, u, Action(action.u, params, action.push, clock))
+        else:
+            h = STEP * self.spread.x[i] / self.log.dt
+            push = pushed(push, h * np.eye(X.shape[2])[i])
+        moved = self.advance(x, u, Action(action.u, params, push, clock))
         return (moved.reshape(X[:, 1:].shape) - X[:, 1:]) / h
 
 
 @dataclass(frozen=True)
 class Slopes:
-    """Of one step: to states A (W, H, n, n), commands B (.., m), parameters G (.., p), clock C (W, H, n)."""
+    """Of one step: to states A (W, H, n, n), commands B (.., m), parameters G (.., p), clock C (W, H, n), pushes F (.., n)."""
 
     A: np.ndarray
     B: np.ndarray | None = None
     G: np.ndarray | None = None
     C: np.ndarray | None = None
+    F: np.ndarray | None = None
 
     def carry(self, pushes):
         """What pushes (W, H, n, q), added to each step, make of the states (W, H + 1, n, q)."""

@@ -97,7 +97,7 @@ class Mujoco:
         self.package, self.model = _package(), model
         self.state, self.ctrl, self.sensed, self.addresses = state, ctrl, sensed, addresses
         self.fields, self.own_step, self.models = fields, model.opt.timestep, {}
-        self.rates = state[model.nq : model.nq + model.nv]
+        self.velocities = state[model.nq : model.nq + model.nv]
         model.opt.disableflags |= self.package.mjtDisableBit.mjDSBL_AUTORESET  # what blows up shall be seen to
         self.data = [self.package.MjData(model) for _ in range(threads or len(os.sched_getaffinity(0)))]
 
@@ -123,23 +123,26 @@ class Mujoco:
             self.models[params] = model
         return self.models[params]
 
-    def step(self, x, u, dt, params):
+    def step(self, x, u, dt, params, push=None):
+        """push (B, n): accelerations, made by forces at the joints that are as large as they must be where the model is at rest."""
         model, steps, count = self._with(tuple(map(float, params))), max(1, round(dt / self.own_step)), len(self.state)
         model.opt.timestep = dt / steps
         start = np.zeros((len(x), 1 + count))  # time, then the state
         start[:, 1:] = x[:, self.state]
         last = steps + bool(self.sensed)  # sensors are read as a step begins
-        states, readings = self._rollout(model, start, np.repeat(u[:, None, self.ctrl], last, axis=1), last)
+        inputs = u[:, self.ctrl] if push is None else np.hstack([u[:, self.ctrl], push[:, self.velocities] / model.dof_invweight0])
+        states, readings = self._rollout(model, start, np.repeat(inputs[:, None], last, axis=1), last)
         after = np.empty_like(x)
         after[:, self.state] = states[:, steps - 1, 1:]
         after[:, self.sensed] = readings[:, -1, self.addresses]
         return after
 
     def _rollout(self, model, start, control, steps):
-        before = self.package.get_mju_user_warning()
+        before, given = self.package.get_mju_user_warning(), self.package.mjtState
+        kinds = given.mjSTATE_CTRL if control.shape[2] == model.nu else given.mjSTATE_CTRL | given.mjSTATE_QFRC_APPLIED
         self.package.set_mju_user_warning(lambda text: None)  # else it writes a file, for each step that blows up
         try:
-            return self.package.rollout.rollout(model, self.data, start, control, nstep=steps)
+            return self.package.rollout.rollout(model, self.data, start, control, control_spec=kinds, nstep=steps)
         finally:
             self.package.set_mju_user_warning(before)
 

@@ -161,7 +161,7 @@ def test_zero_of_every_effect_changes_nothing(car, healthy):
     problem = Problem(car, healthy, 40)
     base = problem.fit_of(())
     for name, effect in problem.effects.items():
-        if effect.kind in ("rate_limit", "saturation"):  # limits: nothing is what they do not reach
+        if effect.kind in ("rate_limit", "saturation"):  # nothing is what a limit does not reach
             params = tuple(p.high for p in effect.parameters)
         else:
             params = (0.0,) * len(effect.parameters)
@@ -246,6 +246,15 @@ def test_a_robot_s_file_that_is_wrong_gets_one_line(tmp_path, old, new, said):
     (tmp_path / "car.toml").write_text(text.replace(old, new))
     (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
     with pytest.raises(UserError, match=said):
+        toml.read(tmp_path / "car.toml")
+
+
+def test_a_robot_without_commands_gets_one_line(tmp_path):
+    text = (CAR / "car.toml").read_text()
+    start = text.index("command = [")
+    (tmp_path / "car.toml").write_text(text[:start] + "command = []\n" + text[text.index("]", text.index("delta")) + 2 :])
+    (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
+    with pytest.raises(UserError, match="command must list one at least"):
         toml.read(tmp_path / "car.toml")
 
 

@@ -133,11 +133,11 @@ int twice(const double *x, const double *u, double dt, const double *params, dou
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    """make() of a function of the library C."""
+    """make() of a function of the library C, or of FILE:NAME beside it."""
     place = tmp_path_factory.mktemp("library")
     (place / "robot.c").write_text(C)
     run("gcc", "-O1", "-shared", "-fPIC", "robot.c", "-o", "robot.so", where=place)
-    return lambda name: shared_library.make({"library": f"robot.so:{name}"}, place, None)
+    return lambda name: shared_library.make({"library": name if "." in name else f"robot.so:{name}"}, place, None)
 
 
 def test_each_row_of_a_c_function_gets_its_own_state_and_command(library):
@@ -158,6 +158,16 @@ def test_a_c_function_that_refuses_a_state_is_told_with_that_state(library):
     x = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 9.0]])
     with pytest.raises(UserError, match=r"returns 1 for the state \[1. 2. 9.\]"):
         library("step").step(x, np.zeros((2, 2)), 0.1, [1.0])
+
+
+@pytest.mark.parametrize("place, said", [
+    ("robot.so:stap", "stap; NAME is a function that the library exports"),
+    ("nothing.so:step", "there is no file .*nothing.so; compile it"),
+    ("robot.c:step", "robot.c:step: .*robot.c"),
+])  # fmt: skip
+def test_a_library_that_cannot_be_used_gets_one_line(library, place, said):
+    with pytest.raises(UserError, match=said):
+        library(place)
 
 
 # ---- the blind plants -----------------------------------------------------------------------------------------------

@@ -95,6 +95,52 @@ def test_what_no_effect_explains_is_unknown(car, tmp_path):
     assert not report["effects"] or max(e["confidence"] for e in report["effects"]) < 0.9
 
 
+def test_what_changed_since_healthy_logs_is_asked_of_them(car, tmp_path):
+    """The simulator lacks a lag; later the steering turns too far, and only that is new."""
+
+    def turned(pose, speed, steering):
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(1.1 * steering) / 0.33
+
+    before = [log_of(car, tmp_path, seed, lag=0.12) for seed in (21, 22)]
+    report = own.diagnose(log_of(car, tmp_path, 23, lag=0.12, rate=turned), car, healthy=before).report
+    assert [e["name"] for e in report["healthy"]["effects"]] == ["lag:steering"] and report["healthy"]["logs"] == 2
+    assert [e["name"] for e in report["effects"]] == ["gain:steering"] or "gain:steering" in report["ambiguous_with"][report["effects"][0]["name"]]
+    assert own.diagnose(log_of(car, tmp_path, 24, lag=0.12), car, healthy=before).report["verdict"] == "none"
+
+
+def test_an_effect_that_is_too_small_to_matter_is_no_verdict(car, tmp_path):
+    def hardly(pose, speed, steering):
+        return 1.004 * speed * np.cos(pose[2]), 1.004 * speed * np.sin(pose[2]), 1.004 * speed * np.tan(steering) / 0.33
+
+    true = example()
+    true.LAG, true.rate, true.NOISE = 1e-9, hardly, (1e-4, 1e-4, 1e-4)
+    report = own.diagnose(read(written(tmp_path / "car.csv", true.drive(25)), car), car).report
+    assert report["verdict"] == "none" and not report["effects"]
+    assert [e["name"] for e in report["small"]] == ["gain:speed"] and abs(report["small"][0]["params"]["a"] - 0.004) < 4e-4
+
+
+def test_a_steering_that_turned_before_the_log_began_is_no_effect(car, tmp_path):
+    """What acted in the first window depends on commands that nobody knows."""
+    report = own.diagnose(log_of(car, tmp_path, 2, lag=0.12), car).report
+    assert [e["name"] for e in report["effects"]] == ["lag:steering"]
+
+
+def test_several_logs_get_a_report_each_and_one_table(car, tmp_path):
+    true = example()
+    for name, lag in (("well", 1e-9), ("slow", 0.12)):
+        true.LAG = lag
+        written(tmp_path / f"{name}.csv", true.drive(26))
+    done = subprocess.run(
+        [*TINYKOOP, "diagnose", "well.csv", "slow.csv", "missing.csv", "--robot", str(CAR / "car.toml"), "--out", "out"],
+        cwd=tmp_path, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2 and "missing.csv" in done.stderr and "Traceback" not in done.stderr
+    assert "2 of 3 logs" in done.stdout and "lag:steering" in done.stdout
+    found = json.loads((tmp_path / "out/diagnoses.json").read_text())
+    assert [f["report"] and f["report"]["verdict"] for f in found] == ["none", "known", None]
+    assert (tmp_path / "out/slow/report.html").exists()
+
+
 # ---- the columns that cost no pass ------------------------------------------------------------------------
 
 
@@ -115,7 +161,7 @@ def test_zero_of_every_effect_changes_nothing(car, healthy):
     problem = Problem(car, healthy, 40)
     base = problem.fit_of(())
     for name, effect in problem.effects.items():
-        if effect.kind in ("rate_limit", "saturation"):  # limits: nothing is what they do not reach
+        if effect.kind in ("rate_limit", "saturation"):  # nothing is what a limit does not reach
             params = tuple(p.high for p in effect.parameters)
         else:
             params = (0.0,) * len(effect.parameters)
@@ -200,6 +246,15 @@ def test_a_robot_s_file_that_is_wrong_gets_one_line(tmp_path, old, new, said):
     (tmp_path / "car.toml").write_text(text.replace(old, new))
     (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
     with pytest.raises(UserError, match=said):
+        toml.read(tmp_path / "car.toml")
+
+
+def test_a_robot_without_commands_gets_one_line(tmp_path):
+    text = (CAR / "car.toml").read_text()
+    start = text.index("command = [")
+    (tmp_path / "car.toml").write_text(text[:start] + "command = []\n" + text[text.index("]", text.index("delta")) + 2 :])
+    (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
+    with pytest.raises(UserError, match="command must list one at least"):
         toml.read(tmp_path / "car.toml")
 
 

@@ -22,6 +22,7 @@ KNOWN = {
 }  # fmt: skip
 # N of dry friction; N/m of a stop at one side; N/m2 of a spring that grows with its square; N s2/m2 of drag at the tip of the pole.
 UNKNOWN = {"dry_friction": (0.3, 0.8), "stop": (40.0, 150.0), "square_spring": (10.0, 30.0), "tip_drag": (0.03, 0.1)}
+ALIKE = {"parameter:friction": ("damping:velocity",), "bias:force": ("force:velocity",)}  # effects that do the same
 SIGNED = ("gain", "bias", "parameter", "scale")
 
 

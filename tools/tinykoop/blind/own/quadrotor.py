@@ -22,6 +22,11 @@ KNOWN = {
 }  # fmt: skip
 # 1/m of drag; N/m of a tether beyond its length; part of the thrust that the ground adds; kg that hang on a cord, of the mass as it is.
 UNKNOWN = {"drag": (0.3, 0.7), "tether": (2.0, 6.0), "ground": (0.2, 0.5), "swinging_load": (0.1, 0.25)}
+# Effects that do the same, alone or together.
+_LIFTS, _TURNS = ("parameter:mass", "gain:thrust"), ("parameter:inertia", "gain:torque")
+_TORQUE = ("bias:torque", "cross:torque<-thrust", "force:pitch_rate")
+_LATE = ("delay:all", "delay:thrust", "delay:torque")
+ALIKE = {name: group for group in (_LIFTS, _TURNS, _TORQUE, _LATE) for name in group}
 SIGNED = ("parameter", "bias", "cross", "force", "scale")
 
 

@@ -52,10 +52,6 @@ class Context:
         u = self.command(j)
         return max(0.5 * np.ptp(u), 1e-6 * np.abs(u).max(), 1e-12)
 
-    def fastest(self, j):
-        """Of a command: the largest step from row to row, per second."""
-        return max(float(np.abs(np.diff(self.command(j))).max()), 1e-12) / self.dt
-
     def speed(self, j):
         """Of a command: how fast it changes where it does, per second."""
         change = np.abs(np.diff(self.command(j)))
@@ -102,10 +98,14 @@ def _lagged(u, params, context):
 
 
 def _limited_rate(u, params, context):
+    """The mean over each row of what goes to the command at a limited rate."""
     most, out, y = params[0] * context.dt, np.empty_like(u), u[0]
     for k, wanted in enumerate(u):
-        y = wanted if abs(wanted - y) <= most else y + np.copysign(most, wanted - y)
-        out[k] = y
+        left = wanted - y
+        if abs(left) <= most:
+            out[k], y = wanted - left * abs(left) / (2 * most), wanted
+        else:
+            out[k], y = y + np.copysign(most / 2, left), y + np.copysign(most, left)
     return out
 
 
@@ -138,7 +138,7 @@ def commands(context):
         add("delay", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), f"{name} at t - delay", _late, SIZES)
         add(
             "rate_limit",
-            (Parameter("rate", per_second(unit), 0.01 * speed, 2 * context.fastest(j), 0.4 * speed),),
+            (Parameter("rate", per_second(unit), 0.01 * speed, np.inf, 0.4 * speed),),
             f"|d {name}/dt| <= rate",
             _limited_rate,
             (0.15, 0.3, 0.6, 1.0, 1.5, 2.0),

@@ -260,9 +260,11 @@ class Finder:
             better = self.widen(fit)
             if self.worth(better) >= self.worth(fit):
                 break
-            fit = self.eliminate(self.settle(better))
-            if frozenset(fit.names) in seen:
+            new = self.eliminate(self.settle(better))
+            if frozenset(new.names) in seen or self.worth(new) >= self.worth(self.problem.fit_of(fit.causes)):
+                fit = self.settle(fit)
                 break
+            fit = new
             seen.add(frozenset(fit.names))
         return self.simplify(self.eliminate(fit))
 

@@ -20,6 +20,7 @@ HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
 SETTLED, TURNS = 0.5, 4  # share of the misfit that a turn of starts may leave, to be followed by another; turns
 NEAR = 10.0  # times the noise, by which a turn moves a measured start without more ado
 STUCK = 100.0  # times more damping, where a turn gains nothing
+ELSEWHERE, WORSE = 2.0, 1.01  # times its cost, that a misfit has whose starts are elsewhere; times the cost that was reached before
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ class Problem:
             if not self._settle(damping):
                 break
             self._slope()
+        self.reached = float(self._least(self.rollouts.missed(self.Y)).sum())
         self.slopes = self.rollouts.completed(self.slopes, self.X, self.at)
         self._step_finer()
 
@@ -126,32 +128,35 @@ class Problem:
 
     def _settle(self, damping):
         """Moves the starts by the slopes, in the windows where that gains; whether it gained much in all. damping: (W,)."""
-        missed, x0 = self._over_noise(self.Y), self.rollouts.x0
-        squares = (missed**2).sum(1)
-        least = (self.whiten(self.rollouts.missed(self.Y)).reshape(missed.shape) ** 2).sum(1)
-        if squares.sum() < 2.0 * least.sum():
+        missed, x0 = self.rollouts.missed(self.Y), self.rollouts.x0
+        before = (self._over_noise(missed) ** 2).sum(1)
+        if before.sum() < ELSEWHERE * self._least(missed).sum():
             return False
-        wrong = np.maximum(least / (missed != 0).sum(1), 1.0)  # a start shall not make up for a simulator that is off
-        self.rollouts.x0 = x0 + self._move(missed, damping * wrong)
+        self.rollouts.x0 = self._settled(missed, damping)
         X, Y = self._followed()
-        after = (self._over_noise(Y) ** 2).sum(1)
-        gains = after < squares
+        after = (self._over_noise(self.rollouts.missed(Y)) ** 2).sum(1)
+        gains = after < before
         self.rollouts.x0[~gains] = x0[~gains]
         self.X[gains], self.Y[gains] = X[gains], Y[gains]
         damping[~gains] *= STUCK
-        return after[gains].sum() < SETTLED * squares.sum()
+        return after[gains].sum() < SETTLED * before.sum()
 
-    def _move(self, missed, weight):
-        """Moves of the starts (W, n) that leave least of residuals (W, r), held back by `weight` (W,)."""
-        near = self.prior.copy()
+    def _settled(self, missed, damping=1.0):
+        """Starts (W, n) that leave least by the slopes, near those that are: none shall make up for a simulator that is off."""
+        near, left = self.prior.copy(), self._over_noise(missed)
         near[self.robot.measured] = NEAR * self.sigma[: len(self.robot.measured)]
+        weight = damping * np.maximum(self._least(missed) / (left != 0).sum(1), 1.0)
         S = self._S * (near / self.prior)
         gram = np.swapaxes(S, 1, 2) @ S + weight[:, None, None] * np.eye(len(near))
-        return np.linalg.solve(gram, np.einsum("wri,wr->wi", S, missed)[..., None])[..., 0] * near
+        return self.rollouts.x0 + np.linalg.solve(gram, np.einsum("wri,wr->wi", S, left)[..., None])[..., 0] * near
 
-    def _over_noise(self, Y):
+    def _over_noise(self, missed):
         """Residuals (W, r) in parts of the noise, 0 where nothing was measured."""
-        return np.where(np.isfinite(self.rollouts.measured), self.rollouts.missed(Y) / self.sigma, 0.0).reshape(len(Y), -1)
+        return np.where(np.isfinite(self.rollouts.measured), missed / self.sigma, 0.0).reshape(len(missed), -1)
+
+    def _least(self, missed):
+        """Squares (W,) of windows, without what starts can make."""
+        return (self.whiten(missed).reshape(len(missed), -1) ** 2).sum(1)
 
     def _step_finer(self):
         """What shorter steps of time change of the predictions, as long as these change little."""
@@ -187,17 +192,25 @@ class Problem:
         return flat.reshape(-1, flat.shape[-1]) if missed.ndim == 4 else flat.reshape(-1)
 
     def fit_of(self, causes):
-        """The Fit of causes, by one pass."""
-        causes = tuple(causes)
+        """The Fit of causes, by one pass, or by two where its starts are elsewhere."""
+        causes, action = tuple(causes), self.action(causes)
+        fit, missed = self._fit(causes, action, self.rollouts.x0)
+        if WORSE * self.reached < fit.cost < np.inf and np.nansum((missed / self.sigma) ** 2) > ELSEWHERE * fit.cost:
+            other, _ = self._fit(causes, action, self._settled(missed))
+            fit = other if other.cost < fit.cost else fit
+        return fit
+
+    def _fit(self, causes, action, x0):
+        """(Fit, what it misses) from starts x0."""
         with np.errstate(all="ignore"):
             try:
-                missed = self.rollouts.missed(self.rollouts.run(self.action(causes))[1] + self.finer * self.shift)
+                missed = self.rollouts.missed(self.rollouts.run(action, x0)[1] + self.finer * self.shift)
             except RunsAway:
-                missed = np.inf
+                missed = np.full(self.rollouts.measured.shape, np.inf)
         if not np.isfinite(np.where(np.isfinite(self.rollouts.measured), missed, 0.0)).all():
-            return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf))
+            return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf)), missed
         left = self.whiten(missed)
-        return Fit(causes, float(left @ left), left)
+        return Fit(causes, float(left @ left), left), missed
 
     # ---- noise -----------------------------------------------------------------------------------------------
 
@@ -287,11 +300,7 @@ def _differences(log, robot):
 
 
 def velocity_like(slopes, dt):
-    """States that are the rate of others: one step moves those by dt per unit, whatever the state."""
-    n, found = slopes.A.shape[2], []
-    for i in range(n):
-        others = [q for q in range(n) if q != i]
-        moved = np.linalg.norm(slopes.A[..., others, i], axis=-1) if others else np.zeros(1)
-        if np.mean(np.abs(moved / dt - 1) < 0.2) > 0.8:
-            found.append(i)
-    return found
+    """States that are the rate of another: one step moves that by dt per unit, whatever the state."""
+    n = slopes.A.shape[2]
+    moves = np.mean(np.abs(slopes.A / dt - 1) < 0.2, axis=(0, 1)) > 0.8  # (n, n): [moved, by]
+    return [i for i in range(n) if moves[[q for q in range(n) if q != i], i].any()]

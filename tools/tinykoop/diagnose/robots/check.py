@@ -234,7 +234,8 @@ def run(robot_file, log_file, sim=None):
 def alike(problem):
     """[names of effects whose columns are the same], from the preferred name on."""
     finder = Finder(problem)
-    candidates = {c.name: c.column for c in finder.candidates(finder.base)}
+    usual = lambda c: abs(c.params[0] / problem.effects[c.name].parameters[0].usual - 1)  # noqa: E731
+    candidates = {c.name: c.column for c in sorted(finder.candidates(finder.base), key=usual, reverse=True)}  # the usual size stays
     names = [n for n, column in candidates.items() if np.linalg.norm(column) > 1]
     unit = np.stack([candidates[n] / np.linalg.norm(candidates[n]) for n in names], 1) if names else np.zeros((1, 0))
     close, out, left = np.abs(unit.T @ unit) > ALIKE, [], set(range(len(names)))

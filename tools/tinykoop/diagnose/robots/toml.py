@@ -115,6 +115,9 @@ def read(path, simulated=True):
     states += tuple(Signal(*h.split("@")) if "@" in h else Signal(h, "1") for h in simulator.get("hidden", []))
     _expect(simulator, simulators.keys(), "[simulator]", path)
     parameters = tuple(_inner(p, path) for p in table.get("parameter", []) if simulated)
+    for what, some in (("state", states), ("command", commands)):
+        if not some:
+            raise UserError(f"{path}: [log]: {what} must list one at least")
     names = [s.name for s in (*states, *commands)]
     for name in names:
         if names.count(name) > 1:

@@ -42,9 +42,11 @@ def make(table, folder, names):
     place = table["library"]
     file, _, name = place.rpartition(":")
     path = folder / file
+    if not file or not path.is_file():
+        raise UserError(f"{place}: there is no file {path}; compile it, and write FILE.so:NAME, relative to the robot's file")
     try:
         function = getattr(ctypes.CDLL(str(path.resolve()), MODE), name)
     except (OSError, AttributeError) as error:
-        raise UserError(f"{place}: {error}; write FILE.so:NAME, relative to the robot's file") from error
+        raise UserError(f"{place}: {error}; NAME is a function that the library exports") from error
     function.argtypes, function.restype = ARGUMENTS, ctypes.c_int
     return Library(function, place)

@@ -4,6 +4,6 @@ A plant is one file here and one line of ROBOTS. Its code is not that of the rob
 much shorter than a row (`plant`), the motion is integrated otherwise, or by another time step of the engine.
 """
 
-from . import car, pendulum, quadrotor
+from . import arm, car, pendulum, quadrotor, two_wheeler
 
-ROBOTS = {module.NAME: module for module in (car, pendulum, quadrotor)}
+ROBOTS = {module.NAME: module for module in (car, pendulum, quadrotor, arm, two_wheeler)}

@@ -15,28 +15,38 @@ UPPER, LOWER = 0.4, 0.32  # m, lengths
 CENTRES, MASSES, INERTIAS = (0.2, 0.16), (1.5, 0.9), (0.02, 0.009)  # m, kg, kg m2 about the centres
 HAND, HAND_INERTIA = 0.4, 0.0004  # kg, kg m2; a heavier hand has more of both
 DAMPING = (0.4, 0.25)  # N m s/rad
-STIFFNESS, BRAKE = (40.0, 25.0), (6.0, 2.5)  # of the controller: N m/rad, N m s/rad
+STIFFNESS, BRAKE = (30.0, 6.0), (4.0, 0.3)  # of the controller: N m/rad, N m s/rad
 FILTER = 0.02  # s, of the speed that the controller sees
 
+# Sizes (low, high), of either sign where `signed`.
 KNOWN = {
     "parameter:payload": (0.05, 0.3), "parameter:shoulder_damping": (0.15, 0.6), "parameter:elbow_damping": (0.1, 0.4),
     "gain:tau1": (0.04, 0.12), "gain:tau2": (0.04, 0.12), "bias:tau1": (0.2, 0.8), "bias:tau2": (0.1, 0.5),
-    "lag:tau1": (0.02, 0.06), "lag:tau2": (0.02, 0.06), "delay:all": (0.01, 0.03), "saturation:tau1": (6.0, 9.0),
-    "dead_band:tau2": (0.2, 0.6), "sensor_bias:q2": (0.02, 0.08), "sag:tau1": (0.05, 0.15),
+    "lag:tau1": (0.02, 0.06), "lag:tau2": (0.02, 0.06), "delay:all": (0.01, 0.02), "saturation:tau1": (12.5, 15.0),
+    "dead_band:tau2": (0.3, 0.8), "rate_limit:tau1": (100.0, 200.0), "sag:tau1": (0.05, 0.15), "cross:tau1<-tau2": (0.05, 0.15),
+    "scale:q2": (0.02, 0.06), "sensor_delay:q2": (0.01, 0.02),
 }  # fmt: skip
-UNKNOWN = {"coulomb_friction": (0.3, 0.8), "spring_to_wall": (3.0, 8.0), "friction_grows_with_angle": (0.5, 1.5)}
-SIGNED = ("gain", "bias", "sensor_bias")
-SMOOTH = 0.01  # rad/s, about which dry friction turns its sign
+# N m of dry friction; N m/rad of a spring between the upper arm and a wall; N m s/rad3 of friction that grows with the angle.
+UNKNOWN = {"dry_friction": (0.3, 0.8), "spring_to_the_wall": (3.0, 8.0), "friction_by_angle": (0.5, 1.5)}
+SIGNED = ("gain", "bias", "cross", "scale")
+# Effects that do the same, alone or together.
+_SHOULDER = ("bias:tau1", "force:dq1")
+_ELBOW = ("bias:tau2", "force:dq2")
+_UPPER = ("parameter:shoulder_damping", "damping:dq1")
+_LOWER = ("parameter:elbow_damping", "damping:dq2")
+_LATE = ("delay:tau1", "delay:tau2", "delay:all")
+ALIKE = {name: group for group in (_SHOULDER, _ELBOW, _UPPER, _LOWER, _LATE) for name in group}
+STICKS, WALL = 0.01, 0.8  # rad/s: below it dry friction is not yet whole; rad: where the spring begins
 
 
 def start(chance):
-    return [chance.uniform(-0.5, 0.5), chance.uniform(-0.5, 0.5), 0.0, 0.0]
+    return [chance.uniform(-0.1, 0.1), chance.uniform(-0.1, 0.1), 0.0, 0.0]
 
 
 def _wish(chance, offset, size):
-    """Angle over time: a sum of three sines."""
+    """Angle over time: a sum of three sines, into which the arm is led from where it hangs."""
     waves = [(chance.uniform(0.2, 1.0), chance.uniform(0, 2 * math.pi), size * chance.uniform(0.5, 1.0) / 2) for _ in range(3)]
-    return lambda t: offset + sum(a * math.sin(2 * math.pi * f * t + phase) for f, phase, a in waves)
+    return lambda t: (1 - math.exp(-t)) * (offset + sum(a * math.sin(2 * math.pi * f * t + phase) for f, phase, a in waves))
 
 
 def commands(chance):
@@ -69,15 +79,14 @@ def advance(effects):
     damping = [d + of(f"parameter:{name}_damping") for d, name in zip(DAMPING, ("shoulder", "elbow"))]
 
     def friction(q, v):
-        dry = of("coulomb_friction") * math.tanh(v / SMOOTH)
-        return dry + of("friction_grows_with_angle") * q * q * v
+        return of("dry_friction") * math.tanh(v / STICKS) + of("friction_by_angle") * q * q * v
 
     def rate(x, u):
         q1, q2, v1, v2 = x
         turned = cross * math.sin(q2)
-        t1 = u[0] - damping[0] * v1 - weight * math.sin(q1) - weight_2 * math.sin(q1 + q2) + turned * (2 * v1 + v2) * v2
+        t1 = u[0] + of("cross:tau1<-tau2") * u[1] - damping[0] * v1 - weight * math.sin(q1) - weight_2 * math.sin(q1 + q2) + turned * (2 * v1 + v2) * v2
         t2 = u[1] - damping[1] * v2 - weight_2 * math.sin(q1 + q2) - turned * v1 * v1 - friction(q2, v2)
-        t1 -= of("spring_to_wall") * max(q1 - 0.8, 0.0)
+        t1 -= of("spring_to_the_wall") * max(q1 - WALL, 0.0)
         a12, a22 = outer + cross * math.cos(q2), outer
         a11 = inner + outer + 2 * cross * math.cos(q2)
         whole = a11 * a22 - a12 * a12

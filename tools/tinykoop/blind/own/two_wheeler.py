@@ -12,14 +12,22 @@ MODEL = Path(__file__).resolve().parents[4] / "examples/own_robot/two_wheeler/tw
 PARTS = 4  # steps of the engine in one of the plant
 WAVE = 0.4  # m, of a floor that is not flat
 
+# Sizes (low, high), of either sign where `signed`.
 KNOWN = {
-    "parameter:chassis_mass": (0.3, 1.0), "parameter:wheel_friction": (0.2, 0.5), "parameter:wheel_damping": (0.001, 0.003),
+    "parameter:chassis_mass": (0.3, 1.0), "parameter:wheel_friction": (-0.5, -0.25), "parameter:wheel_damping": (0.001, 0.003),
     "gain:left": (0.04, 0.12), "gain:right": (0.04, 0.12), "bias:right": (0.2, 0.8), "lag:left": (0.04, 0.15), "lag:all": (0.04, 0.15),
-    "delay:all": (0.04, 0.12), "saturation:left": (8.0, 11.0), "dead_band:right": (2.0, 5.0), "rate_limit:left": (30.0, 80.0),
-    "sag:left": (0.05, 0.2), "sensor_delay:yaw": (0.04, 0.1), "force:vx": (0.1, 0.4),
+    "delay:all": (0.04, 0.12), "saturation:left": (8.0, 11.0), "dead_band:right": (2.0, 4.0), "rate_limit:left": (40.0, 80.0),
+    "sag:left": (0.06, 0.2), "scale:px": (0.04, 0.1), "sensor_delay:yaw": (0.04, 0.1), "force:vx": (0.15, 0.4),
 }  # fmt: skip
-UNKNOWN = {"dragging_caster": (0.15, 0.4), "left_slips_at_speed": (0.05, 0.12), "waves_in_the_floor": (0.02, 0.06)}
-SIGNED = ("gain", "bias", "force")
+# What the caster's friction grows by; how fast a wheel loses grip, s/rad; slope of the waves.
+UNKNOWN = {"dragging_caster": (0.03, 0.1), "left_slips_at_speed": (0.05, 0.12), "waves_in_the_floor": (0.02, 0.06)}
+SIGNED = ("gain", "bias", "scale", "force")
+# Effects that do the same, alone or together.
+_SPEED = ("gain:left", "gain:right", "parameter:wheel_damping", "scale:px", "scale:py", "clock")
+_LATE = ("delay:left", "delay:right", "delay:all")
+_SLOW = ("lag:left", "lag:right", "lag:all")
+_TORQUE = ("bias:right", "force:right_rate")
+ALIKE = {name: group for group in (_SPEED, _LATE, _SLOW, _TORQUE) for name in group}
 
 
 def start(chance):
@@ -48,7 +56,7 @@ def _model(mujoco, of):
     chassis.mass, chassis.inertia = chassis.mass * heavier, chassis.inertia * heavier
     spec.geom("caster").friction[0] += of("dragging_caster")
     for side in ("left", "right"):
-        spec.geom(side).friction[0] -= of("parameter:wheel_friction")
+        spec.geom(side).friction[0] += of("parameter:wheel_friction")
         spec.joint(side).damping[0] += of("parameter:wheel_damping")
     return spec.compile()
 

@@ -22,8 +22,8 @@ FILTER = 0.02  # s, of the speed that the controller sees
 KNOWN = {
     "parameter:payload": (0.05, 0.3), "parameter:shoulder_damping": (0.15, 0.6), "parameter:elbow_damping": (0.1, 0.4),
     "gain:tau1": (0.04, 0.12), "gain:tau2": (0.04, 0.12), "bias:tau1": (0.2, 0.8), "bias:tau2": (0.1, 0.5),
-    "lag:tau1": (0.02, 0.06), "lag:tau2": (0.02, 0.06), "delay:all": (0.01, 0.02), "saturation:tau1": (12.5, 15.0),
-    "dead_band:tau2": (0.3, 0.8), "rate_limit:tau1": (100.0, 200.0), "sag:tau1": (0.05, 0.15), "cross:tau1<-tau2": (0.05, 0.15),
+    "lag:tau1": (0.02, 0.06), "lag:tau2": (0.02, 0.06), "delay:all": (0.01, 0.02), "saturation:tau1": (10.5, 12.0),
+    "dead_band:tau2": (0.3, 0.8), "sag:tau1": (0.05, 0.15), "cross:tau1<-tau2": (0.05, 0.15),
     "scale:q2": (0.02, 0.06), "sensor_delay:q2": (0.01, 0.02),
 }  # fmt: skip
 # N m of dry friction; N m/rad of a spring between the upper arm and a wall; N m s/rad3 of friction that grows with the angle.

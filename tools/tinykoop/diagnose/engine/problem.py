@@ -45,10 +45,10 @@ class Fit:
 
 
 class Problem:
-    """before: causes that act already and are not looked for: what a healthy robot has."""
+    """before: causes that act already and are not looked for: what a healthy robot has. Unless `whole` it has no columns of effects."""
 
-    def __init__(self, robot, log, rows, without=(), sigma=None, before=()):
-        self.robot, self.log, self.before = robot, log, ()
+    def __init__(self, robot, log, rows, without=(), sigma=None, before=(), whole=True):
+        self.robot, self.log, self.before, self.whole = robot, log, (), whole
         self.rollouts = Rollouts(robot, log, rows)
         self.everything = {}
         self.context = library.Context(robot, log)
@@ -67,12 +67,12 @@ class Problem:
             self.linearise(())
 
     @classmethod
-    def of(cls, robot, log, without=(), before=()):
+    def of(cls, robot, log, without=(), before=(), whole=True):
         """In windows as long as the simulator stays near the log, ROWS at most."""
         rows = min(ROWS, longest_run(log.usable))
         while True:
             try:
-                return cls(robot, log, rows, without, before=before)
+                return cls(robot, log, rows, without, before=before, whole=whole)
             except RunsAway:
                 if rows < 2 * FEWEST:
                     raise
@@ -113,8 +113,9 @@ class Problem:
                 break
             self._slope()
         self.reached = float(self._least(self.rollouts.missed(self.Y)).sum())
-        self.slopes = self.rollouts.completed(self.slopes, self.X, self.at)
-        self._step_finer()
+        if self.whole:
+            self.slopes = self.rollouts.completed(self.slopes, self.X, self.at)
+            self._step_finer()
 
     def _followed(self):
         """Runs from the starts: states (W, H + 1, n), channels (W, H + 1, c)."""

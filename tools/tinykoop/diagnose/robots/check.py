@@ -21,6 +21,7 @@ from . import toml
 ROWS, WINDOWS = 8, 40  # of the log, that are looked at
 BETTER = 5.0  # times smaller a misfit, from which on a mistake is named
 TURN = 2 * np.pi
+FASTEST, SLOWEST = 1e-5, 1.0  # s between rows, that a log may have whose time is in another unit
 NOTABLE, NEAR = 0.05, 1.5  # of the noise: a gain by shifted rows that is said, and what it must come down to
 ANSWERS = 0.2  # correlation, below which a state does not do what it is asked
 JITTER = 0.2  # of the usual step, by which single steps may differ
@@ -48,10 +49,10 @@ def misfit(robot, log, sigma=None):
     """Mean square of what the simulator misses of a part of the log, over the noise of the log; infinite where it runs away."""
     with np.errstate(all="ignore"):
         try:
-            problem = Problem(robot, _part(log), ROWS, sigma=sigma)
+            problem = Problem(robot, _part(log), ROWS, sigma=sigma, whole=False)
         except RunsAway:
             return np.inf
-        cost = float((problem.whiten(problem.rollouts.missed(problem.Y)) ** 2).sum())
+        cost = problem.reached
     return cost / max(problem.degrees, 1) if np.isfinite(cost) else np.inf
 
 
@@ -87,11 +88,12 @@ def _shifted(u, rows):
 def mistakes(robot, log):
     """(what is wrong, remedy, the log without it) of all that is often wrong."""
     for factor, unit in ((1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (60.0, "min")):
-        yield (
-            f"time is in {unit}",
-            f'time = {{column = "{robot.time.column}", unit = "{unit}"}}',
-            replace(log, t=log.t * factor, dt=log.dt * factor),
-        )
+        if FASTEST < log.dt * factor < SLOWEST:
+            yield (
+                f"time is in {unit}",
+                f'time = {{column = "{robot.time.column}", unit = "{unit}"}}',
+                replace(log, t=log.t * factor, dt=log.dt * factor),
+            )
     for i in robot.measured:
         s = robot.states[i]
         if s.unit == "rad":
@@ -129,12 +131,12 @@ def _swap(u, i, j):
     return u
 
 
-def _late(robot, log, rows):
+def _late(robot, log, problem):
     """Whether the commands fit better one row earlier or later, down to the noise."""
-    cost = {}
-    for shift in (0, 1, -1):
-        problem = Problem(robot, _command(log, lambda u, shift=shift: _shifted(u, shift) if shift else u), rows)
-        cost[shift] = float((problem.whiten(problem.rollouts.missed(problem.Y)) ** 2).sum())
+    cost = {0: problem.reached}
+    for shift in (1, -1):
+        moved = _command(log, lambda u, shift=shift: _shifted(u, shift))
+        cost[shift] = Problem(robot, moved, problem.rollouts.rows, whole=False).reached
     degrees, best = problem.degrees, min(cost, key=cost.get)
     if best and cost[0] - cost[best] > max(NOTABLE * degrees, 0.5 * (cost[0] - degrees)) and cost[best] < NEAR * degrees:
         when, way = ("early: each acts from the next row on", "down") if best > 0 else ("late: each has acted before", "up")
@@ -143,9 +145,8 @@ def _late(robot, log, rows):
         )
 
 
-def _deaf(robot, log, rows):
+def _deaf(robot, problem):
     """States that do not move as the commands ask."""
-    problem = Problem(robot, log, rows)
     missed = problem.rollouts.missed(problem.Y)
     for c, i in enumerate(robot.measured):
         asked = problem.X[:, -1, i] - problem.X[:, 0, i]
@@ -206,8 +207,8 @@ def check(robot, log):
             better.append((size, Finding(text, remedy)))
     if better:
         return [*found, min(better, key=lambda item: item[0])[1]], base
-    rows = Problem.of(robot, log).rollouts.rows
-    return [*found, *_deaf(robot, log, rows), *_late(robot, log, rows)], base
+    problem = Problem.of(robot, log, whole=False)
+    return [*found, *_deaf(robot, problem), *_late(robot, log, problem)], base
 
 
 def run(robot_file, log_file, sim=None):

@@ -23,6 +23,8 @@ def make(table, folder, states, commands, parameters):
     kinds = [kind for kind in KINDS if kind in table]
     if len(kinds) != 1:
         raise UserError(f"[simulator]: give exactly one of {', '.join(KINDS)}")
+    if not isinstance(table[kinds[0]], str):
+        raise UserError(f"[simulator] {kinds[0]}: must be a text that names a file")
     simulator = KINDS[kinds[0]].make(table, folder, ([s.name for s in states], [s.name for s in commands], [p.field for p in parameters]))
     return simulator, tuple(_valued(simulator, p) for p in parameters)
 

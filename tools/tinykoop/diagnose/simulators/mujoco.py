@@ -49,6 +49,8 @@ class Field:
         self.text, self.where, pieces = text, f"[[parameter]] field {text}", text.split("/")
         self.at = [int(part) for part in pieces.pop().split(",")] if pieces[-1].replace(",", "").isdecimal() else [0]
         self.kind, self.what = pieces[0], pieces[-1]
+        if len(pieces) < (2 if self.kind == "option" else 3):
+            raise UserError(f"{self.where}: write KIND/NAME/WHAT, such as body/hand/mass, geom/left,right/friction or option/wind/0")
         _among(self.kind, [*COUNTS, "option"], self.where, "kind")
         self.names = "/".join(pieces[1:-1]).split(",") if self.kind != "option" else []
         for name in self.names:
@@ -99,7 +101,7 @@ class Mujoco:
         self.fields, self.own_step, self.models = fields, model.opt.timestep, {}
         self.velocities = state[model.nq : model.nq + model.nv]
         model.opt.disableflags |= self.package.mjtDisableBit.mjDSBL_AUTORESET  # what blows up shall be seen to
-        self.data = [self.package.MjData(model) for _ in range(threads or len(os.sched_getaffinity(0)))]
+        self.data = [self.package.MjData(model) for _ in range(threads or os.cpu_count() or 1)]
 
     def value(self, field):
         return next(f for f in self.fields if f.text == field).value(self.model)
@@ -124,7 +126,7 @@ class Mujoco:
         return self.models[params]
 
     def step(self, x, u, dt, params, push=None):
-        """push (B, n): accelerations, made by forces at the joints that are as large as they must be where the model is at rest."""
+        """push (B, n): rates of states besides. Those of velocities are forces, as large as they must be where the model is at rest."""
         model, steps, count = self._with(tuple(map(float, params))), max(1, round(dt / self.own_step)), len(self.state)
         model.opt.timestep = dt / steps
         start = np.zeros((len(x), 1 + count))  # time, then the state
@@ -135,6 +137,8 @@ class Mujoco:
         after = np.empty_like(x)
         after[:, self.state] = states[:, steps - 1, 1:]
         after[:, self.sensed] = readings[:, -1, self.addresses]
+        if push is not None:
+            after += dt * np.where(np.isin(np.arange(x.shape[1]), self.velocities), 0.0, push)
         return after
 
     def _rollout(self, model, start, control, steps):
@@ -153,7 +157,7 @@ class Mujoco:
 def _order(table, key, wanted, names):
     """Indices of the robot's signals that [simulator] KEY names, one for each of what the model has."""
     where, given = f"[simulator] {key}", table.get(key, [])
-    if len(given) != len(wanted):
+    if not isinstance(given, list) or len(given) != len(wanted):
         raise UserError(f"{where}: the model has {len(wanted)} ({', '.join(wanted)}); name a signal of the robot for each")
     for name in given:
         _among(name, names, where, "signal")
@@ -193,10 +197,12 @@ def make(table, folder, names):
     state = [*_order(table, "qpos", joints, states), *_order(table, "qvel", joints, states)]
     state += _order(table, "act", [a.name for a in map(model.actuator, range(model.nu)) for _ in range(a.actnum[0])], states)
     places = table.get("sensordata", {})
+    if not isinstance(places, dict) or not all(isinstance(place, str) for place in places.values()):
+        raise UserError('[simulator] sensordata: write {STATE = "SENSOR"}, or "SENSOR/INDEX" where it has several numbers')
     for name in places:
         _among(name, states, "[simulator] sensordata", "state")
-    sensed = [states.index(name) for name in places]
+    sensed, addresses = [states.index(name) for name in places], [_address(model, place) for place in places.values()]
     if sorted([*state, *sensed]) != list(range(len(states))):
         raise UserError(f"[simulator] qpos, qvel, act and sensordata must name every state once; the states are {', '.join(states)}")
     ctrl = _order(table, "ctrl", _named(model, "actuator"), commands)
-    return Mujoco(model, state, ctrl, sensed, [_address(model, p) for p in places.values()], [Field(model, f) for f in fields])
+    return Mujoco(model, state, ctrl, sensed, addresses, [Field(model, field) for field in fields])

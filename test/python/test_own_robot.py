@@ -175,6 +175,24 @@ def test_starts_that_are_off_do_not_matter(car, healthy):
     assert abs(problem.fit_of(()).cost - Problem(car, healthy, 40).fit_of(()).cost) < 0.02 * problem.degrees
 
 
+def test_slopes_to_where_the_car_stands_are_those_of_a_change_that_stays(car, healthy):
+    """They are taken once: all later slopes are the same."""
+    problem = Problem(car, healthy, 40)
+    assert problem.rollouts.still == (0, 1)
+    kept = problem.rollouts.slopes(problem.X, problem.at).A
+    problem.rollouts.still = ()
+    np.testing.assert_allclose(kept, problem.rollouts.slopes(problem.X, problem.at).A, atol=1e-8)
+
+
+def test_a_window_in_which_nothing_is_measured_does_no_harm(car, healthy):
+    blind = replace(healthy, x=healthy.x.copy(), y=healthy.y.copy())
+    blind.x[200:320] = blind.y[200:320] = np.nan
+    problem = Problem(car, blind, 40)
+    problem.rollouts.x0 = problem.rollouts.x0 + [0.5, -0.4, 0.1]
+    problem.linearise(())
+    assert np.isfinite(problem.rollouts.x0).all() and abs(problem.reached / problem.degrees - 1) < 0.2
+
+
 def test_an_extra_effect_must_pay(car, healthy):
     finder = Finder(Problem(car, healthy, 40))
     assert finder.run().causes == ()

@@ -48,7 +48,11 @@ class Inner:
 
 
 class Simulator(Protocol):
-    """The user's model: any number of rows at once, each from any state."""
+    """The user's model: any number of rows at once, each from any state.
+
+    One that takes steps of its own within a row may have finer(times): the same with steps so much shorter. One that forces can act
+    on has `velocities`, the indices of states that they accelerate, and a last argument of step: what is added to rates (B, n), or None.
+    """
 
     def step(self, x, u, dt, params):
         """States (B, n) one step of `dt` seconds after x (B, n), under commands u (B, m) and parameters (p,)."""

@@ -135,7 +135,8 @@ class Problem:
             return False
         self.rollouts.x0 = self._settled(missed, damping)
         X, Y = self._followed()
-        after = (self._over_noise(self.rollouts.missed(Y)) ** 2).sum(1)
+        with np.errstate(all="ignore"):
+            after = (self._over_noise(self.rollouts.missed(Y)) ** 2).sum(1)
         gains = after < before
         self.rollouts.x0[~gains] = x0[~gains]
         self.X[gains], self.Y[gains] = X[gains], Y[gains]
@@ -146,7 +147,7 @@ class Problem:
         """Starts (W, n) that leave least by the slopes, near those that are: none shall make up for a simulator that is off."""
         near, left = self.prior.copy(), self._over_noise(missed)
         near[self.robot.measured] = NEAR * self.sigma[: len(self.robot.measured)]
-        weight = damping * np.maximum(self._least(missed) / (left != 0).sum(1), 1.0)
+        weight = damping * np.maximum(self._least(missed) / np.maximum((left != 0).sum(1), 1), 1.0)
         S = self._S * (near / self.prior)
         gram = np.swapaxes(S, 1, 2) @ S + weight[:, None, None] * np.eye(len(near))
         return self.rollouts.x0 + np.linalg.solve(gram, np.einsum("wri,wr->wi", S, left)[..., None])[..., 0] * near

@@ -9,7 +9,7 @@ from ...errors import UserError
 FEWEST = 8  # rows of a window
 ENOUGH = 8  # windows, of which a further one may be left out
 STEP = 1e-4  # of a signal's spread, by which slopes are taken
-STILL = 1e-6  # by which slopes may differ from that
+STILL = 1e-6  # of slopes: what is less is none
 AWAY = 1e3  # spreads of a signal, beyond which a run has left the log
 
 
@@ -67,7 +67,7 @@ class Rollouts:
         self.robot, self.log, self.rows = robot, log, rows
         self.substeps = 1
         self.passes = 0.0
-        self.still = ()  # states of which a change stays as it is and moves no other; known from the first slopes on
+        self.still = ()  # states whose change stays as it is and moves no other, as a place on a floor: seen by the first slopes
         self.spread = _spread(log)
         self.put(cut(log.usable, rows))
 
@@ -81,8 +81,11 @@ class Rollouts:
     def begin(self):
         """Hidden states start as a run leaves them in the window before, at its end, and have the spread of such ends."""
         hidden = [i for i, signal in enumerate(self.robot.states) if not signal.column]
-        ends = self.run(self.idle())[0][:, -1, hidden] if hidden else np.zeros((0, 0))
-        if not hidden or not np.isfinite(ends).all():
+        if not hidden:
+            return
+        with np.errstate(all="ignore"):
+            ends = self.run(self.idle())[0][:, -1, hidden]
+        if not np.isfinite(ends).all():
             return
         self.x0[:, hidden] = ends.mean(0)
         follows = np.flatnonzero(np.diff(self.starts) == self.rows) + 1

@@ -23,7 +23,7 @@ KNOWN = {
 UNKNOWN = {"dragging_caster": (0.03, 0.1), "left_slips_at_speed": (0.05, 0.12), "waves_in_the_floor": (0.02, 0.06)}
 SIGNED = ("gain", "bias", "scale", "force")
 # Effects that do the same, alone or together.
-_SPEED = ("gain:left", "gain:right", "parameter:wheel_damping", "scale:px", "scale:py", "clock")
+_SPEED = ("gain:left", "gain:right", "parameter:wheel_damping", "damping:vx", "damping:vy", "scale:px", "scale:py", "clock")
 _LATE = ("delay:left", "delay:right", "delay:all")
 _SLOW = ("lag:left", "lag:right", "lag:all")
 _TORQUE = ("bias:right", "force:right_rate")

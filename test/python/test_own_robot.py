@@ -193,6 +193,18 @@ def test_a_window_in_which_nothing_is_measured_does_no_harm(car, healthy):
     assert np.isfinite(problem.rollouts.x0).all() and abs(problem.reached / problem.degrees - 1) < 0.2
 
 
+def test_the_interval_of_a_threshold_holds_its_size_however_well_the_log_tells_it(car, tmp_path):
+    def stops(pose, speed, steering):
+        turn = np.tan(np.clip(steering, -0.25, 0.25)) / 0.33
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * turn
+
+    log = log_of(car, tmp_path, 16, rate=stops)
+    problem = Problem(car, log, 40, sigma=Problem.noise_of(log, car) / 1000)
+    fit = problem.fit_of((Cause("saturation:steering", (0.25,)),))
+    low, high = Finder(problem).interval(fit, 0)
+    assert low <= 0.25 <= high and low < high < 1.05 * low
+
+
 def test_an_extra_effect_must_pay(car, healthy):
     finder = Finder(Problem(car, healthy, 40))
     assert finder.run().causes == ()

@@ -22,7 +22,7 @@ FILTER = 0.02  # s, of the speed that the controller sees
 KNOWN = {
     "parameter:payload": (0.05, 0.3), "parameter:shoulder_damping": (0.15, 0.6), "parameter:elbow_damping": (0.1, 0.4),
     "gain:tau1": (0.04, 0.12), "gain:tau2": (0.04, 0.12), "bias:tau1": (0.2, 0.8), "bias:tau2": (0.1, 0.5),
-    "lag:tau1": (0.02, 0.06), "lag:tau2": (0.02, 0.06), "delay:all": (0.01, 0.02), "saturation:tau1": (10.5, 12.0),
+    "lag:tau1": (0.02, 0.06), "lag:tau2": (0.02, 0.06), "delay:all": (0.01, 0.02), "saturation:tau1": (8.5, 10.5),
     "dead_band:tau2": (0.3, 0.8), "sag:tau1": (0.05, 0.15), "cross:tau1<-tau2": (0.05, 0.15),
     "scale:q2": (0.02, 0.06), "sensor_delay:q2": (0.01, 0.02),
 }  # fmt: skip
@@ -84,7 +84,8 @@ def advance(effects):
     def rate(x, u):
         q1, q2, v1, v2 = x
         turned = cross * math.sin(q2)
-        t1 = u[0] + of("cross:tau1<-tau2") * u[1] - damping[0] * v1 - weight * math.sin(q1) - weight_2 * math.sin(q1 + q2) + turned * (2 * v1 + v2) * v2
+        t1 = u[0] + of("cross:tau1<-tau2") * u[1] - damping[0] * v1
+        t1 += turned * (2 * v1 + v2) * v2 - weight * math.sin(q1) - weight_2 * math.sin(q1 + q2)
         t2 = u[1] - damping[1] * v2 - weight_2 * math.sin(q1 + q2) - turned * v1 * v1 - friction(q2, v2)
         t1 -= of("spring_to_the_wall") * max(q1 - WALL, 0.0)
         a12, a22 = outer + cross * math.cos(q2), outer

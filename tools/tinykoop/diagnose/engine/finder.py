@@ -19,7 +19,8 @@ WALD = 4.0  # robust t that an effect has to reach
 GRIDS = tuple(np.geomspace(1 / reach, reach, 9) for reach in (2.0, 1.2, 1.04, 1.01))
 ABSORBED = 0.8  # of what several effects do, from which on one is tried in their place
 SMALL = 0.01  # of the misfit, or of the noise: what an effect takes away beyond its price matters only if it is more
-PROFILE = np.geomspace(0.7, 1.4, 281)  # of a size, by which its interval is looked for
+OFFSETS = np.geomspace(1e-5, 0.4, 140)
+PROFILE = np.concatenate([1 - OFFSETS[::-1], [1.0], 1 + OFFSETS])  # of a size, by which its interval is looked for: fine near it
 ALIKE = 0.98  # cosine of columns that are one class
 
 

@@ -13,7 +13,8 @@ from ...errors import UserError
 
 KEYS = ("qpos", "qvel", "act", "ctrl", "sensordata")
 COUNTS = {
-    "body": "nbody", "joint": "njnt", "geom": "ngeom", "actuator": "nu", "site": "nsite", "tendon": "ntendon", "equality": "neq", "sensor": "nsensor",
+    "body": "nbody", "joint": "njnt", "geom": "ngeom", "actuator": "nu", "site": "nsite", "tendon": "ntendon",
+    "equality": "neq", "sensor": "nsensor",
 }  # fmt: skip
 MODELS = 16  # with other parameters, that are kept
 
@@ -23,7 +24,8 @@ def _package():
         import mujoco
         import mujoco.rollout
     except ImportError:
-        raise UserError("[simulator] mujoco: the package is missing; build/venv/bin/pip install -r tools/requirements-simulators.txt") from None
+        remedy = "build/venv/bin/pip install -r tools/requirements-simulators.txt"
+        raise UserError(f"[simulator] mujoco: the package is missing; {remedy}") from None
     return mujoco
 
 

@@ -109,7 +109,7 @@ def eva_runs():
         macros = {"CONTROLLER": 1, "LIFTED": 3, "INPUTS": 2, "HORIZON": 3, "METHOD": 1, "RATE": rate, "KOOP_VECTORS": vectors}
         runs[f"controller S={rate} vectors={vectors}"] = (EVA_CONTROLLER, macros | {"KOOP_MPC_MAX_GRADIENT": 3})
     macros = {"GUARD": 1, "LIFTED": 2, "INPUTS": 1, "HORIZON": 2, "METHOD": 1, "RATE": 0, "KOOP_VECTORS": 0, "KOOP_MPC_MAX_GRADIENT": 3}
-    runs["guard"] = (EVA_CONTROLLER, macros | {"REGULATOR": "koopf_reg_ef", "FORM": "koopf_form_sqrt"})
+    runs["guard"] = (EVA.replace("slevel 70", "slevel 500"), macros | {"REGULATOR": "koopf_reg_ef", "FORM": "koopf_form_sqrt"})
     return runs
 
 

@@ -705,9 +705,9 @@ static void test_newton_steps_are_those_of_the_second_writing(void) {
 	       seen.paths[ABANDONED], seen.paths[FEW_DROPPED], seen.paths[EIGHT_DROPPED], seen.paths[STALE]);
 	TEST_ASSERT_TRUE(seen.paths[REUSED] > 100 / TEST_SHARE && seen.paths[ABANDONED] > 100 / TEST_SHARE);
 	TEST_ASSERT_TRUE(seen.paths[FEW_DROPPED] > 100 / TEST_SHARE && seen.paths[UPHILL] > 5 / TEST_SHARE);
-	TEST_ASSERT_TRUE(seen.paths[EIGHT_DROPPED] >= 5 / TEST_SHARE);
+	TEST_ASSERT_TRUE((int)seen.paths[EIGHT_DROPPED] >= 5 / TEST_SHARE);
 	CHECK(seen.others_eight <= seen.paths[EIGHT_DROPPED] / 4, "%zu others", seen.others_eight);
-	TEST_ASSERT_TRUE(seen.paths[STALE] >= 4 / TEST_SHARE);
+	TEST_ASSERT_TRUE((int)seen.paths[STALE] >= 4 / TEST_SHARE);
 	CHECK(seen.others_stale <= seen.paths[STALE] / 4, "%zu of %zu", seen.others_stale, seen.paths[STALE]);
 	CHECK(seen.others_up <= 1 + seen.paths[UPHILL] / 40, "%zu others", seen.others_up);
 }

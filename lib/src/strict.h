@@ -8,6 +8,9 @@
 #error "TinyKoop: add -fno-finite-math-only behind -ffast-math; Clang takes NaN from the arguments of functions"
 #endif
 #elif defined(__GNUC__)
+#if (defined(__x86_64__) || defined(__i386__)) && defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "TinyKoop: add -fno-finite-math-only behind -ffast-math; on x86 GCC compares NaN wrongly with it"
+#endif
 #pragma GCC optimize("no-fast-math", "no-unsafe-math-optimizations", "no-finite-math-only")
 #pragma GCC optimize("no-associative-math", "no-reciprocal-math", "signed-zeros", "trapping-math")
 #pragma GCC optimize("no-single-precision-constant")

@@ -90,10 +90,30 @@ static void test_controller_in_memory_that_is_not_empty(void) {
 	}
 }
 
+/* A state without a weight may leave the range of numbers: the plan is that of the other state. */
+static void test_state_without_a_weight_may_overflow(void) {
+	const real one[N * N] = {1, 0, 0, 0};
+	const real theta[(N + M) * PADDED] = {[0] = 1, [2 * PADDED] = 1, [2 * PADDED + 1] = REAL_MAX / 4};
+	const real most[M] = {100, 100}, least[M] = {-100, -100};
+	real psi[N] = {0, 0}, reference[H * N] = {0}, u[M];
+	for (size_t k = 0; k < H; k++) { reference[k * N] = 50; }
+	for (int method = 0; method < 2; method++) {
+		KOOP(mpc_config) config = settings();
+		config.method = method;
+		config.Q = one;
+		config.u_min = least;
+		config.u_max = most;
+		start(&mpc, storage, &config);
+		CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&mpc, theta, psi, reference, NULL, u, NULL));
+		CHECK(u[0] > 30, "method %d: u %g", method, (double)u[0]);
+	}
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_safe_input_on_a_bound);
 	RUN_TEST(test_model_that_changes_at_every_solve);
 	RUN_TEST(test_controller_in_memory_that_is_not_empty);
+	RUN_TEST(test_state_without_a_weight_may_overflow);
 	return UNITY_END();
 }

@@ -653,8 +653,9 @@ static void run_all_sizes(uint64_t seed, int method, tally *seen) {
 	random_source random = random_seed(seed);
 	for (int i = 0; i < 400 / TEST_SHARE; i++) {
 		problem p;
-		few_inputs(&random, &p, 1 + random_below(&random, FEW_m), 1 + random_below(&random, FEW_H),
-		           method == KOOP_MPC_NEWTON ? 10 : 0.3);
+		const size_t horizon = 1 + random_below(&random, FEW_H); /* draws in one call have no order */
+		const size_t inputs = 1 + random_below(&random, FEW_m);
+		few_inputs(&random, &p, inputs, horizon, method == KOOP_MPC_NEWTON ? 10 : 0.3);
 		run_beside(&random, &p, method, seen);
 	}
 	check_tally(seen);
@@ -704,9 +705,9 @@ static void test_newton_steps_are_those_of_the_second_writing(void) {
 	       seen.paths[ABANDONED], seen.paths[FEW_DROPPED], seen.paths[EIGHT_DROPPED], seen.paths[STALE]);
 	TEST_ASSERT_TRUE(seen.paths[REUSED] > 100 / TEST_SHARE && seen.paths[ABANDONED] > 100 / TEST_SHARE);
 	TEST_ASSERT_TRUE(seen.paths[FEW_DROPPED] > 100 / TEST_SHARE && seen.paths[UPHILL] > 5 / TEST_SHARE);
-	TEST_ASSERT_TRUE(seen.paths[EIGHT_DROPPED] * TEST_SHARE >= 5 || TEST_SHARE > 1);
+	TEST_ASSERT_TRUE((int)seen.paths[EIGHT_DROPPED] >= 5 / TEST_SHARE);
 	CHECK(seen.others_eight <= seen.paths[EIGHT_DROPPED] / 4, "%zu others", seen.others_eight);
-	TEST_ASSERT_TRUE(seen.paths[STALE] > 0 || TEST_SHARE > 1); /* rare: how often, the compiler's order of draws decides */
+	TEST_ASSERT_TRUE((int)seen.paths[STALE] >= 4 / TEST_SHARE);
 	CHECK(seen.others_stale <= seen.paths[STALE] / 4, "%zu of %zu", seen.others_stale, seen.paths[STALE]);
 	CHECK(seen.others_up <= 1 + seen.paths[UPHILL] / 40, "%zu others", seen.others_up);
 }

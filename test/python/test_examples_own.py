@@ -186,10 +186,11 @@ def nothing(name):
 
 @pytest.fixture(params=ROBOTS)
 def plant(request, monkeypatch):
-    """A plant with a log half as long."""
-    if "\nmujoco = " in (EXAMPLES / ROBOTS[request.param].FILE).read_text():
+    """A plant with a log half as long; a quarter where MuJoCo is the plant, since that takes its time."""
+    slow = "\nmujoco = " in (EXAMPLES / ROBOTS[request.param].FILE).read_text()
+    if slow:
         pytest.importorskip("mujoco", reason="no mujoco here: pip install -r tools/requirements-simulators.txt")
-    monkeypatch.setattr(ROBOTS[request.param], "ROWS", 1000)
+    monkeypatch.setattr(ROBOTS[request.param], "ROWS", 500 if slow else 1000)
     return ROBOTS[request.param]
 
 

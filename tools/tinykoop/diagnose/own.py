@@ -127,14 +127,22 @@ def _healthy(logs, robot):
     """Causes that explain logs of the healthy robot, whichever they are."""
     if not logs:
         return ()
-    finder = Finder(Problem.of(robot, joined(logs)))
-    return finder.run().causes
+    return Finder(_problem(robot, joined(logs), logs)).run().causes
+
+
+def _problem(robot, log, parts, **options):
+    """The Problem of a log, which is made of parts that can be what they say."""
+    for part in parts:
+        check.refuse(check.mistaken(robot, part), part, robot)
+    problem = Problem.of(robot, log, **options)
+    check.refuse(check.along(problem), log, robot)
+    return problem
 
 
 def diagnose(log, robot, fresh=None, without=(), healthy=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
     before = _healthy(healthy, robot)
-    problem = Problem.of(robot, log, without, before)
+    problem = _problem(robot, log, [log], without=without, before=before)
     check_effects(without, problem.everything)
     finder = Finder(problem)
     fit, proofs, left = judge.judge(finder, finder.run())
@@ -170,7 +178,7 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
         "noise": {"sensor": {c.name: {"sd": float(s), "unit": c.unit} for c, s in zip(robot.channels, problem.sigma)}},
         "time_step": {"matters": bool(problem.finer), "share": problem.finer},
         "window": {"rows": problem.rollouts.rows, "seconds": problem.rollouts.rows * log.dt},
-        "passes": round(problem.rollouts.passes),
+        "passes": round(log.passes),
         "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": float(log.t[-1] - log.t[0])},
     }  # fmt: skip
     if hasattr(robot.simulator, "surrogate"):
@@ -207,8 +215,6 @@ def run(path, robot_file, out, fresh=None, without=(), healthy=(), sim=None):
     robot, log = toml.read_both(robot_file, path, sim)
     fresh_log, *healthy_logs = (read(file, robot) if file else None for file in (fresh, *healthy))
     with busy(f"diagnosing {Path(path).name}"):
-        for file, one in zip((path, *healthy), (log, *healthy_logs)):
-            check.refuse(robot, one, file, robot_file)
         result = diagnose(log, robot, fresh_log, without, healthy_logs)
         out = output_folder(out)
     result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}

@@ -79,6 +79,7 @@ class Robot:
     gaps: tuple[Gap, ...] = ()
     use: tuple[str, ...] = ()  # kinds of effects; none named: all
     own: tuple = ()  # effects of the user's own
+    file: str = "the robot's file"  # where it is described
 
     @property
     def nominal(self):
@@ -106,9 +107,16 @@ class Robot:
         return np.stack(parts, -1)
 
 
+@dataclass
+class Work:
+    """Rows that a simulator was asked for."""
+
+    rows: int = 0
+
+
 @dataclass(frozen=True)
 class RobotLog:
-    """A log in the robot's own units; NaN where a value is missing."""
+    """A log in the robot's own units; NaN where a value is missing. What is made of one by replace() shares its work."""
 
     t: np.ndarray  # (K,)
     x: np.ndarray  # (K, n) measured states; hidden ones are NaN
@@ -116,6 +124,13 @@ class RobotLog:
     y: np.ndarray  # (K, c) channels
     usable: np.ndarray  # (K - 1,) transitions
     dt: float
+    path: str = "the log"
+    work: Work = field(default_factory=Work, compare=False)
+
+    @property
+    def passes(self):
+        """How often all rows were simulated so far, for whatever question."""
+        return self.work.rows / (len(self.t) - 1)
 
 
 def check_effects(without, effects):

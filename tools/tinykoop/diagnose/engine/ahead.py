@@ -6,7 +6,7 @@ from .problem import FINER
 from .rollouts import Rollouts
 
 HORIZONS = (1, 10, 50)
-STARTS = 200  # predictions, at most
+COVERED = 2.0  # times that the longest predictions go over the log, at most
 SHOWS = 1.1  # times the noise, from which on a gap is one
 DRAWS, BLOCK = 400, 5  # of the bootstrap; predictions in a block
 
@@ -47,29 +47,38 @@ class Ahead:
         run = np.convolve(log.usable, np.ones(self.horizons[-1]), "valid") == self.horizons[-1]
         good = np.flatnonzero(run & np.isfinite(x[: len(run)]).all(1))
         good = good[good >= problem.rollouts.starts[0]]
-        good = good[:: max(1, len(good) // STARTS)]
-        self.rollouts.put(good)
-        self.rollouts.x0 = x[good]
+        self.starts = good[:: max(1, round(self.horizons[-1] / COVERED))]
+        self.x = x[self.starts]
         # which half of the windows a prediction begins in
-        self.half = np.searchsorted(problem.rollouts.starts, good, side="right") % 2  # 1: in an even one
+        self.half = np.searchsorted(problem.rollouts.starts, self.starts, side="right") % 2  # 1: in an even one
+        self.shift = self._finer()
 
-    def errors(self, causes):
-        missed = self.rollouts.missed(self._predicted(self.problem.action(causes)))[:, self.horizons]
+    def errors(self, causes, some=slice(None)):
+        """Of predictions with causes; some: of which ones."""
+        missed = self.rollouts.missed(self._predicted(causes, some) + self.shift[some])[:, self.horizons]
         names = [c.name for c in self.problem.robot.channels]
         return {
             gap.name: np.sqrt((missed[..., [names.index(s) for s in gap.states if s in names]] ** 2).sum(-1))
             for gap in self.problem.robot.gaps
         }
 
-    def _predicted(self, action):
-        """Channels (S, longest + 1, c), with the step of time that the log speaks for."""
+    def _finer(self):
+        """What the step of time that the log speaks for adds to channels (S, longest + 1, c)."""
+        none = np.zeros((len(self.starts), self.horizons[-1] + 1, len(self.problem.robot.channels)))
+        if not self.problem.finer:
+            return none
+        coarse = self._predicted(())
+        self.rollouts.substeps = FINER
+        shift = self.problem.finer * (self._predicted(()) - coarse)
+        self.rollouts.substeps = 1
+        return shift
+
+    def _predicted(self, causes, some=slice(None)):
+        """Channels (S, longest + 1, c)."""
+        self.rollouts.put(self.starts[some])
+        self.rollouts.x0 = self.x[some]
         with np.errstate(all="ignore"):
-            Y = self._as_read(self.rollouts.run(action)[1])
-            if self.problem.finer:
-                self.rollouts.substeps = FINER
-                Y = Y + self.problem.finer * (self._as_read(self.rollouts.run(action)[1]) - Y)
-                self.rollouts.substeps = 1
-        return Y
+            return self._as_read(self.rollouts.run(self.problem.action(causes))[1])
 
     def _as_read(self, Y):
         """Channels that begin at what was read, whatever a sensor's effect makes of the state there."""
@@ -79,8 +88,12 @@ class Ahead:
 
     def held_out(self, finder, fit):
         """As errors(), each prediction by the sizes of the other half."""
-        even, odd = (self.errors(causes) for causes in halves(finder, fit))
-        return {name: np.where((self.half == 1)[:, None], odd[name], even[name]) for name in even}
+        out = {gap.name: np.full((len(self.starts), len(self.horizons)), np.nan) for gap in self.problem.robot.gaps}
+        for even, causes in zip((1, 0), reversed(halves(finder, fit))):
+            there = self.half == even
+            for name, values in self.errors(causes, there).items():
+                out[name][there] = values
+        return out
 
     def floor(self):
         """{gap: (horizons,)}: what noise of the start and of the reading makes."""

@@ -234,30 +234,35 @@ class Finder:
         problem = self.problem
         columns = [self.jacobian(fit), np.stack([c.column for c in self.candidates(fit)], 1), problem.whiten(problem.generic())]
         problem.learn_noise(fit.left, np.concatenate(columns, 1))
-        return problem.fit_of(fit.causes)
+        return problem.whitened(fit.causes, fit.missed)
 
     def settle(self, fit):
-        """Slopes, step of time and noise anew about `fit`."""
+        """Step of time and noise anew about `fit`; slopes, too, where they do not foretell it."""
         problem = self.problem
-        problem.linearise(fit.causes)
+        (problem.follow if problem.foretells(fit) else problem.linearise)(fit.causes)
         fit = self.learn_noise(problem.fit_of(fit.causes))
-        was, found = problem.finer, fit
-        shows = np.linalg.norm(problem.whiten(problem.shift)) > 1
-        for finer in (0.0, 1.0, LIMIT) if shows else (0.0,):
-            if finer != was:
-                problem.finer = finer
-                other = self.refine(problem.fit_of(fit.causes), 1)
-                if other.cost < found.cost - self.price * (finer > 0):
-                    found, was = other, finer
-        problem.finer = was
-        problem.Y = problem.rollouts.sense(problem.X, problem.at) + was * problem.shift
-        return self.refine(self.learn_noise(problem.fit_of(found.causes)), 3)
+        if np.linalg.norm(problem.whiten(problem.shift)) > 1:
+            fit = self._time_step(fit)
+        problem.Y = problem.rollouts.sense(problem.X, problem.at) + problem.finer * problem.shift
+        return self.refine(self.learn_noise(fit), 3)
+
+    def _time_step(self, fit):
+        """`fit` with the share of a shorter step of time that costs least: none, all that it can be, or what the slopes say."""
+        problem, was = self.problem, self.problem.finer
+        columns = np.concatenate([-problem.whiten(problem.shift)[:, None], self.jacobian(fit)], 1)
+        share = was - np.linalg.lstsq(columns, fit.left, rcond=1e-9)[0][0]
+        found = {was: fit}
+        for finer in {0.0, float(np.clip(share, 0.0, LIMIT)), LIMIT} - {was}:
+            problem.finer = finer
+            found[finer] = self.refine(problem.fit_of(fit.causes), 1)
+        problem.finer = min(found, key=lambda finer: found[finer].cost + self.price * (finer > 0))
+        return found[problem.finer]
 
     def run(self):
         """The causes that are worth most."""
         fit = self.base = self.settle(self.base)
         seen = {frozenset()}
-        while len(fit.causes) < MOST and self.problem.rollouts.passes < BUDGET:
+        while len(fit.causes) < MOST and self.problem.log.passes < BUDGET:
             better = self.widen(fit)
             if self.worth(better) >= self.worth(fit):
                 break

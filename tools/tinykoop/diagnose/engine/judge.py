@@ -57,14 +57,13 @@ def _rivals(finder, fit, i):
     mine = slice(sum(spec[:i]), sum(spec[: i + 1]))
     Q = np.linalg.svd(np.delete(J, np.r_[mine], 1), full_matrices=False)[0] if len(rest) else np.zeros((len(fit.left), 0))
     free = lambda c: c - Q @ (Q.T @ c)  # noqa: E731
-    have, best = free(have), {}
-    for c in finder.candidates(problem.fit_of(rest)):
+    have, best, base = free(have), {}, problem.fit_of(rest)
+    for c in finder.candidates(base):
         column = free(c.column)
         cosine = column @ have / max(np.linalg.norm(column) * np.linalg.norm(have), 1e-12)
         usable = cosine > 0 or problem.effects[c.name].parameters[0].low < 0
         if c.name not in fit.names and usable and abs(cosine) > best.get(c.name, (0.9,))[0]:
             best[c.name] = abs(cosine), c
-    base = problem.fit_of(rest)
     close = sorted(best.values(), key=lambda b: -b[0])[:4]
     trials = [finder.refine(finder.add(base, (c,))) for cosine, c in close if cosine > ALIKE - 0.03]
     return [t for t in trials if t.cost < fit.cost + SAME]

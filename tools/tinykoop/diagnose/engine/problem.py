@@ -20,6 +20,7 @@ HIDDEN = 3.0  # likewise of a hidden one, of the spread that its starts show
 SETTLED, TURNS = 0.5, 4  # share of the misfit that a turn of starts may leave, to be followed by another; turns
 NEAR = 10.0  # times the noise, by which a turn moves a measured start without more ado
 STUCK = 100.0  # times more damping, where a turn gains nothing
+FORETELLS, TRIFLE = 0.1, 10.0  # of what causes do, by which the slopes may be off and still serve; and of the cost, in any case
 ELSEWHERE, WORSE = 2.0, 1.01  # times its cost, that a misfit has whose starts are elsewhere; times the cost that was reached before
 
 
@@ -38,6 +39,7 @@ class Fit:
     causes: tuple
     cost: float
     left: np.ndarray = field(repr=False, compare=False)
+    missed: np.ndarray | None = field(default=None, repr=False, compare=False)  # before it was whitened
 
     @property
     def names(self):
@@ -56,6 +58,7 @@ class Problem:
         self._try()
         self.rollouts.begin()
         self.prior = np.where([bool(s.column) for s in robot.states], START, HIDDEN) * self.rollouts.spread.x
+        self.slopes = None
         self.finer, self.shift = 0.0, 0.0  # share of what a shorter step of time would change, that counts as the simulator's
         self.linearise(())
         self.velocities = getattr(robot.simulator, "velocities", None) or velocity_like(self.slopes, log.dt)
@@ -106,16 +109,34 @@ class Problem:
         self.X, self.Y = self._followed()
         if not self.rollouts.stays(self.X):
             raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within {self.rollouts.rows} rows")
+        if self.slopes is not None:
+            self._turn()
         self._slope()
-        damping = np.ones(len(self.X))
-        for _ in range(TURNS):
-            if not self._settle(damping):
-                break
+        if self._turn():
             self._slope()
-        self.reached = float(self._least(self.rollouts.missed(self.Y)).sum())
         if self.whole:
             self.slopes = self.rollouts.completed(self.slopes, self.X, self.at)
             self._step_finer()
+
+    def foretells(self, fit):
+        """Whether the slopes tell what the causes of a fit do: else they are to be taken anew, about these."""
+        does = self.columns([fit.causes])[:, 0]
+        off = self.whiten(self.rollouts.missed(self.Y)) - does - fit.left
+        return off @ off < max(FORETELLS**2 * (does @ does), TRIFLE)
+
+    def follow(self, causes):
+        """The windows with `causes`, from starts that are settled by the slopes as they are."""
+        self.at = self.action(causes)
+        self.X, self.Y = self._followed()
+        self._turn()
+
+    def _turn(self):
+        """Settles the starts by the slopes as they are; whether that gained much."""
+        damping, turns = np.ones(len(self.X)), 0
+        while turns < TURNS and self._settle(damping):
+            turns += 1
+        self.reached = float(self._least(self.rollouts.missed(self.Y)).sum())
+        return turns > 0
 
     def _followed(self):
         """Runs from the starts: states (W, H + 1, n), channels (W, H + 1, c)."""
@@ -193,26 +214,30 @@ class Problem:
         flat = flat - self._U @ along
         return flat.reshape(-1, flat.shape[-1]) if missed.ndim == 4 else flat.reshape(-1)
 
-    def fit_of(self, causes):
-        """The Fit of causes, by one pass, or by two where its starts are elsewhere."""
-        causes, action = tuple(causes), self.action(causes)
-        fit, missed = self._fit(causes, action, self.rollouts.x0)
-        if WORSE * self.reached < fit.cost < np.inf and np.nansum((missed / self.sigma) ** 2) > ELSEWHERE * fit.cost:
-            other, _ = self._fit(causes, action, self._settled(missed))
+    def fit_of(self, causes, action=None):
+        """The Fit of causes, or of what stands for them, by one pass, or by two where its starts are elsewhere."""
+        causes, action = tuple(causes), action or self.action(causes)
+        fit = self._fit(causes, action, self.rollouts.x0)
+        if WORSE * self.reached < fit.cost < np.inf and np.nansum((fit.missed / self.sigma) ** 2) > ELSEWHERE * fit.cost:
+            other = self._fit(causes, action, self._settled(fit.missed))
             fit = other if other.cost < fit.cost else fit
         return fit
 
     def _fit(self, causes, action, x0):
-        """(Fit, what it misses) from starts x0."""
+        """The Fit from starts x0."""
         with np.errstate(all="ignore"):
             try:
                 missed = self.rollouts.missed(self.rollouts.run(action, x0)[1] + self.finer * self.shift)
             except RunsAway:
                 missed = np.full(self.rollouts.measured.shape, np.inf)
         if not np.isfinite(np.where(np.isfinite(self.rollouts.measured), missed, 0.0)).all():
-            return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf)), missed
+            return Fit(causes, np.inf, np.full(self.rollouts.measured.size, np.inf), missed)
+        return self.whitened(causes, missed)
+
+    def whitened(self, causes, missed):
+        """The Fit of causes that miss this much, by the noise as it is known now."""
         left = self.whiten(missed)
-        return Fit(causes, float(left @ left), left), missed
+        return Fit(causes, float(left @ left), left, missed)
 
     # ---- noise -----------------------------------------------------------------------------------------------
 

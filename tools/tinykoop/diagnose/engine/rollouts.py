@@ -61,12 +61,11 @@ def longest_run(usable):
 
 
 class Rollouts:
-    """The windows of one log. passes: how often the log's rows were simulated so far."""
+    """The windows of one log."""
 
     def __init__(self, robot, log, rows):
         self.robot, self.log, self.rows = robot, log, rows
         self.substeps = 1
-        self.passes = 0.0
         self.still = ()  # states whose change stays as it is and moves no other, as a place on a floor: seen by the first slopes
         self.spread = _spread(log)
         self.put(cut(log.usable, rows))
@@ -101,7 +100,7 @@ class Rollouts:
         dt, simulator = self.log.dt * action.clock / self.substeps, self.robot.simulator
         if self.substeps > 1 and hasattr(simulator, "finer"):  # else it takes its own steps in each of ours
             simulator = simulator.finer(self.substeps)
-        self.passes += self.substeps * len(x) / (len(self.starts) * self.rows)
+        self.log.work.rows += self.substeps * len(x)
         for _ in range(self.substeps):
             push = None if action.push is None else np.broadcast_to(action.push(x, u), x.shape)
             if hasattr(simulator, "velocities"):  # its own forces answer a push

@@ -18,7 +18,8 @@ from ..report.story import size_of
 from ..words import say
 from . import toml
 
-ROWS, WINDOWS = 8, 40  # of the log, that are looked at
+ROWS = 8  # of a window that is looked at
+WINDOWS = 4, 12  # in which each mistake is looked for, and then those that may be one
 BETTER = 5.0  # times smaller a misfit, from which on a mistake is named
 TURN = 2 * np.pi
 FASTEST, SLOWEST = 1e-5, 1.0  # s between rows, that a log may have whose time is in another unit
@@ -36,20 +37,20 @@ class Finding:
     wrong: bool = True
 
 
-def _part(log):
+def _part(log, windows):
     """The log, with transitions usable only in windows that are evenly spread over it."""
     K = len(log.t)
     usable = np.zeros(K - 1, bool)
-    for start in np.linspace(0, K - 1 - ROWS, min(WINDOWS, (K - 1) // ROWS)).astype(int):
+    for start in np.linspace(0, K - 1 - ROWS, min(windows, (K - 1) // ROWS)).astype(int):
         usable[start : start + ROWS] = log.usable[start : start + ROWS]
     return replace(log, usable=usable)
 
 
-def misfit(robot, log, sigma=None):
+def misfit(robot, log, sigma, windows):
     """Mean square of what the simulator misses of a part of the log, over the noise of the log; infinite where it runs away."""
     with np.errstate(all="ignore"):
         try:
-            problem = Problem(robot, _part(log), ROWS, sigma=sigma, whole=False)
+            problem = Problem(robot, _part(log, windows), ROWS, sigma=sigma, whole=False)
         except RunsAway:
             return np.inf
         cost = problem.reached
@@ -131,12 +132,10 @@ def _swap(u, i, j):
     return u
 
 
-def _late(robot, log, problem):
+def _late(problem):
     """Whether the commands fit better one row earlier or later, down to the noise."""
-    cost = {0: problem.reached}
-    for shift in (1, -1):
-        moved = _command(log, lambda u, shift=shift: _shifted(u, shift))
-        cost[shift] = Problem(robot, moved, problem.rollouts.rows, whole=False).reached
+    moved = {shift: replace(problem.at, u=_shifted(problem.at.u, shift)) for shift in (1, -1)}
+    cost = {0: problem.reached} | {shift: problem.fit_of((), action).cost for shift, action in moved.items()}
     degrees, best = problem.degrees, min(cost, key=cost.get)
     if best and cost[0] - cost[best] > max(NOTABLE * degrees, 0.5 * (cost[0] - degrees)) and cost[best] < NEAR * degrees:
         when, way = ("early: each acts from the next row on", "down") if best > 0 else ("late: each has acted before", "up")
@@ -145,9 +144,9 @@ def _late(robot, log, problem):
         )
 
 
-def _deaf(robot, problem):
+def _deaf(problem):
     """States that do not move as the commands ask."""
-    missed = problem.rollouts.missed(problem.Y)
+    robot, missed = problem.robot, problem.rollouts.missed(problem.Y)
     for c, i in enumerate(robot.measured):
         asked = problem.X[:, -1, i] - problem.X[:, 0, i]
         seen = asked + missed[:, -1, c] - missed[:, 0, c]
@@ -193,34 +192,47 @@ def _sampling(log):
         yield Finding(f"rows come at unequal times (usual step {log.dt:.4g} s)", "resample the log to equal steps", False)
 
 
-def check(robot, log):
-    """(Findings, misfit): what cannot be right, or looks wrong."""
+def mistaken(robot, log):
+    """Findings in the columns of a log, and on some short windows of it."""
     found = [*_wrapping(robot, log), *_dead(robot, log), *_sampling(log)]
     if any(f.text.endswith("never changes") for f in found):
-        return found, float("nan")
-    sigma = Problem.noise_of(log, robot)
-    base, better = misfit(robot, log, sigma), []
-    for text, remedy, mended in mistakes(robot, log):
-        own = Problem.noise_of(mended, robot)
-        size = misfit(robot, mended, own) * (1.0 if "swapped" in text else float(np.mean(own**2 / sigma**2)))
-        if size * BETTER < base:
-            better.append((size, Finding(text, remedy)))
-    if better:
-        return [*found, min(better, key=lambda item: item[0])[1]], base
-    problem = Problem.of(robot, log, whole=False)
-    return [*found, *_deaf(robot, problem), *_late(robot, log, problem)], base
+        return found
+    sigma, left = Problem.noise_of(log, robot), list(mistakes(robot, log))
+    for windows in WINDOWS:
+        base, size = misfit(robot, log, sigma, windows), []
+        if base < 1:
+            return found
+        for text, _, mended in left:
+            own = Problem.noise_of(mended, robot)
+            size.append(misfit(robot, mended, own, windows) * (1.0 if "swapped" in text else float(np.mean(own**2 / sigma**2))))
+        order = [i for i in np.argsort(size) if size[i] * BETTER < base]
+        left = [left[i] for i in order]
+    return found + [Finding(text, remedy) for text, remedy, _ in left[:1]]
+
+
+def along(problem):
+    """Findings of a whole log, by a few passes."""
+    return [*_deaf(problem), *_late(problem)]
+
+
+def refuse(findings, log, robot):
+    """Raises where a log cannot be what the robot's file says."""
+    wrong = [f for f in findings if f.wrong]
+    if wrong:
+        raise UserError(f"{log.path}: it looks as if {wrong[0].text}; in {robot.file}: {wrong[0].remedy} (tinykoop robot check tells more)")
 
 
 def run(robot_file, log_file, sim=None):
     """Prints what looks wrong, how far the simulator is off, and which effects this log cannot tell apart; 2 where it cannot be right."""
     robot, log = toml.read_both(robot_file, log_file, sim)
-    found, size = check(robot, log)
+    found = mistaken(robot, log)
+    problem = None if any(f.wrong for f in found) else Problem.of(robot, log)
+    found += along(problem) if problem else []
     say(f"{robot.name}: {len(log.t)} rows, {log.t[-1] - log.t[0]:.4g} s at {1 / log.dt:.4g} Hz", "bold")
     for finding in found:
         say(f"  {'WRONG' if finding.wrong else 'look'}: {finding.text}. {finding.remedy}")
     if any(f.wrong for f in found):
         raise UserError(f"{log_file}: cannot be a log of {robot.name} as {robot_file} has it")
-    problem = Problem.of(robot, log)
     looked = ahead.Ahead(problem)
     errors, floor = looked.errors(()), looked.floor()
     rows = [(g.name, *(size_of(g.unit)(v) for v in ahead.rms(errors[g.name])), size_of(g.unit)(floor[g.name][-1])) for g in robot.gaps]
@@ -247,10 +259,3 @@ def alike(problem):
         if len(group) > 1:
             out.append(sorted((names[j] for j in group), key=judge.preference))
     return out
-
-
-def refuse(robot, log, path, robot_file):
-    """Raises where the log cannot be what the robot's file says."""
-    wrong = [f for f in check(robot, log)[0] if f.wrong]
-    if wrong:
-        raise UserError(f"{path}: it looks as if {wrong[0].text}; in {robot_file}: {wrong[0].remedy} (tinykoop robot check tells more)")

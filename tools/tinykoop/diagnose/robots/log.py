@@ -63,7 +63,7 @@ def _log(path, robot, values):
     usable = (step < GAP * dt) & (step > dt / GAP) & np.isfinite(u[:-1]).all(1)
     if usable.sum() < FEWEST:
         raise UserError(f"{path}: {int(usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST} at least")
-    return RobotLog(t, x, np.nan_to_num(u), y, usable, dt)
+    return RobotLog(t, x, np.nan_to_num(u), y, usable, dt, str(path))
 
 
 def joined(logs):
@@ -74,4 +74,4 @@ def joined(logs):
         end = t[-1][-1] + log.dt
     usable = np.concatenate([np.r_[log.usable, False] for log in logs])[:-1]
     x, u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in "xuy")
-    return RobotLog(np.concatenate(t), x, u, y, usable, logs[0].dt)
+    return RobotLog(np.concatenate(t), x, u, y, usable, logs[0].dt, ", ".join(log.path for log in logs))

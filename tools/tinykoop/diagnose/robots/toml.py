@@ -140,4 +140,5 @@ def read(path, simulated=True):
         gaps,
         tuple(effects.get("use", ())),
         own,
+        str(path),
     )

@@ -123,7 +123,10 @@ def _sagging(u, params, context):
 
 
 def commands(context):
-    """Effects of each command by itself, and of lag and delay for all at once."""
+    """Effects of each command by itself, and of lag and delay for all at once.
+
+    In the order in which they act together: what is sent comes late, is amplified, reaches its limits, and moves a gear.
+    """
     found, robot, dt = [], context.robot, context.dt
     for j, signal in enumerate(robot.commands):
         name, unit, size, speed = signal.name, signal.unit, context.spread(j), context.speed(j)
@@ -132,17 +135,7 @@ def commands(context):
         def add(kind, parameters, formula, change, begins=(0.3, 1.0, 3.0)):
             found.append(Effect(f"{kind}:{name}", "command", parameters, formula, _at(j, change), begins, kind in THRESHOLDS))  # noqa: B023
 
-        add("gain", (Parameter("a", "1", -0.95, 3, 0.1),), f"{name} (1 + a)", lambda u, p, c: u * (1 + p[0]), (1.0,))
-        add("bias", (Parameter("d", unit, -largest - size, largest + size, 0.1 * size),), f"{name} + d", lambda u, p, c: u + p[0], (1.0,))
-        add("lag", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), f"first-order lag of {name}", _lagged, SIZES)
         add("delay", (Parameter("delay", "s", 0, 60 * dt + 0.5, 2 * dt),), f"{name} at t - delay", _late, SIZES)
-        add(
-            "rate_limit",
-            (Parameter("rate", per_second(unit), 0.01 * speed, np.inf, 0.4 * speed),),
-            f"|d {name}/dt| <= rate",
-            _limited_rate,
-            (0.15, 0.3, 0.6, 1.0, 1.5, 2.0),
-        )
         add(
             "dead_band",
             (Parameter("width", unit, 0, largest, 0.15 * size),),
@@ -150,6 +143,12 @@ def commands(context):
             lambda u, p, c: np.where(np.abs(u) < p[0], 0.0, u),
             SIZES,
         )
+        add("gain", (Parameter("a", "1", -0.95, 3, 0.1),), f"{name} (1 + a)", lambda u, p, c: u * (1 + p[0]), (1.0,))
+        add("sag", (Parameter("loss_at_end", "1", -1, 1, 0.15),), f"gain of {name} that falls over the log", _sagging, (1.0,))
+        for i, other in enumerate(robot.commands):
+            if i != j:
+                found.append(_cross(context, i, j, other, signal))
+        add("bias", (Parameter("d", unit, -largest - size, largest + size, 0.1 * size),), f"{name} + d", lambda u, p, c: u + p[0], (1.0,))
         add(
             "saturation",
             (Parameter("most", unit, 0.02 * largest, largest, 0.7 * largest),),
@@ -157,11 +156,15 @@ def commands(context):
             lambda u, p, c: np.clip(u, -p[0], p[0]),
             (0.4, 0.6, 0.8, 1.0, 1.2, 1.35),
         )
+        add(
+            "rate_limit",
+            (Parameter("rate", per_second(unit), 0.01 * speed, np.inf, 0.4 * speed),),
+            f"|d {name}/dt| <= rate",
+            _limited_rate,
+            (0.15, 0.3, 0.6, 1.0, 1.5, 2.0),
+        )
+        add("lag", (Parameter("tau", "s", 0, 60 * dt + 1, 2 * dt),), f"first-order lag of {name}", _lagged, SIZES)
         add("backlash", (Parameter("half_width", unit, 0, largest, 0.1 * size),), f"play in {name}", _play, SIZES)
-        add("sag", (Parameter("loss_at_end", "1", -1, 1, 0.15),), f"gain of {name} that falls over the log", _sagging, (1.0,))
-        for i, other in enumerate(robot.commands):
-            if i != j:
-                found.append(_cross(context, i, j, other, signal))
     if len(robot.commands) > 1:
         every = range(len(robot.commands))
         found.append(

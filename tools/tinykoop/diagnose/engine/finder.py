@@ -31,6 +31,38 @@ class Candidate:
     column: np.ndarray
 
 
+class Near:
+    """What causes leave whose sizes are near those of a fit: by the slopes, so at no pass.
+
+    bend: (what the slopes had told wrong of a pass, along which step of the sizes), as in Broyden, "A class of methods for solving
+    nonlinear simultaneous equations", Mathematics of Computation 19, 1965.
+    """
+
+    def __init__(self, finder, fit, bend=None):
+        self.finder, self.fit, self.bend = finder, fit, bend
+        self.offset = fit.left + finder.problem.columns([fit.causes])[:, 0]
+        self.z = finder.vector(fit.causes)[0]
+
+    def left(self, trials):
+        """(n, trials), whitened."""
+        out = self.offset[:, None] - self.finder.problem.columns(trials)
+        if self.bend is not None:
+            wrong, step = self.bend
+            out += np.outer(wrong, [step @ (self.finder.vector(causes)[0] - self.z) for causes in trials]) / (step @ step)
+        return out
+
+    def jacobian(self, causes):
+        J = self.finder.jacobian(Fit(causes, np.nan, self.offset))
+        if self.bend is not None:
+            wrong, step = self.bend
+            J = J + np.outer(wrong, step) / (step @ step)
+        return J
+
+    def bend_to(self, trial):
+        """The bend that a pass shows."""
+        return trial.left - self.left([trial.causes])[:, 0], self.finder.vector(trial.causes)[0] - self.z
+
+
 class Finder:
     def __init__(self, problem):
         self.problem = problem
@@ -120,38 +152,37 @@ class Finder:
 
     def refine(self, fit, passes=PASSES):
         """The sizes that are best by the slopes, then one pass that says what they really leave; again while that helps."""
+        bend = None
         for _ in range(passes):
             if not fit.causes or not np.isfinite(fit.cost):
                 break
-            causes, hoped = self.best_by_slopes(fit)
+            near = Near(self, fit, bend)
+            causes, hoped = self.best_by_slopes(near)
             if fit.cost - hoped < max(0.3, 1e-4 * fit.cost):
                 break
             trial = self.problem.fit_of(causes)
-            if not trial.cost < fit.cost:
+            if not np.isfinite(trial.cost):
                 break
-            gained, fit = fit.cost - trial.cost, trial
-            if gained < max(0.3, 1e-4 * fit.cost):
+            gained, bend = fit.cost - trial.cost, near.bend_to(trial)
+            fit = trial if gained > 0 else fit
+            if 0 <= gained < max(0.3, 1e-4 * fit.cost):
                 break
         return fit
 
-    def best_by_slopes(self, fit):
+    def best_by_slopes(self, near):
         """(causes, cost) with the sizes of least cost about a fit: no pass."""
-        offset = fit.left + self.problem.columns([fit.causes])[:, 0]
-        causes, cost, damping = fit.causes, fit.cost, 1e-3
+        causes, cost, damping = near.fit.causes, near.fit.cost, 1e-3
         for _ in range(ITERATIONS):
-            causes, after, damping = self._step(offset, *self._thresholds(offset, causes, cost), damping)
+            causes, after, damping = self._step(near, *self._thresholds(near, causes, cost), damping)
             if after > cost - max(0.1, 1e-4 * cost):
                 break
             cost = after
         return causes, min(cost, after)
 
-    def _left(self, offset, trials):
-        return offset[:, None] - self.problem.columns(trials)
-
-    def _step(self, offset, causes, cost, damping):
+    def _step(self, near, causes, cost, damping):
         """One damped Gauss-Newton step of all sizes by the slopes."""
-        left, (z, low, high) = self._left(offset, [causes])[:, 0], self.vector(causes)
-        J = self.jacobian(Fit(causes, cost, left))
+        left, (z, low, high) = near.left([causes])[:, 0], self.vector(causes)
+        J = near.jacobian(causes)
         gram, slope = J.T @ J, J.T @ left
         free = ~(((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < 1e-9))
         for _ in range(4 if free.any() else 0):
@@ -160,13 +191,13 @@ class Finder:
             move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
             limit = np.maximum(1.0, np.abs(z))
             trial = self.split(causes, z + np.clip(move, -limit, limit))
-            after = float((self._left(offset, [trial]) ** 2).sum())
+            after = float((near.left([trial]) ** 2).sum())
             if after < cost:
                 return trial, after, damping / 5
             damping = max(damping * 30, 1e-2)
         return causes, cost, damping
 
-    def _thresholds(self, offset, causes, cost):
+    def _thresholds(self, near, causes, cost):
         """Sizes that no slope tells, one by one at the best of many, coarse to fine."""
         for i, cause in enumerate(causes):
             if self.problem.effects[cause.name].threshold:
@@ -174,7 +205,7 @@ class Finder:
                 for grid in GRIDS:
                     sizes = np.clip(causes[i].params[0] * grid, p.low, p.high)
                     trials = [(*causes[:i], Cause(cause.name, (float(v),)), *causes[i + 1 :]) for v in sizes]
-                    costs = (self._left(offset, trials) ** 2).sum(0)
+                    costs = (near.left(trials) ** 2).sum(0)
                     if costs.min() < cost:
                         causes, cost = trials[int(costs.argmin())], float(costs.min())
         return causes, cost
@@ -183,7 +214,7 @@ class Finder:
         """`fit` with the candidates of a group, each first at the best of the sizes seen, at sizes that are best by the slopes."""
         causes = (*fit.causes, *(Cause(c.name, self._first(fit, c)) for c in group))
         left = fit.left - (self.problem.columns([causes]) - self.problem.columns([fit.causes]))[:, 0]
-        causes, _ = self.best_by_slopes(Fit(causes, float(left @ left), left))
+        causes, _ = self.best_by_slopes(Near(self, Fit(causes, float(left @ left), left)))
         return self.problem.fit_of(causes)
 
     def _first(self, fit, candidate):
@@ -213,10 +244,9 @@ class Finder:
         """95 % interval (low, high) of cause i, of which no slope tells the size: where its cost is near the least."""
         cause, problem = fit.causes[i], self.problem
         (p,) = problem.effects[cause.name].parameters
-        offset = fit.left + problem.columns([fit.causes])[:, 0]
         sizes = np.clip(cause.params[0] * PROFILE, p.low, p.high)
         trials = [(*fit.causes[:i], Cause(cause.name, (float(v),)), *fit.causes[i + 1 :]) for v in sizes]
-        good = (self._left(offset, trials) ** 2).sum(0) < fit.cost + stats.chi2.ppf(0.95, 1) * self.heat
+        good = (Near(self, fit).left(trials) ** 2).sum(0) < fit.cost + stats.chi2.ppf(0.95, 1) * self.heat
         return float(sizes[good].min()), float(sizes[good].max())
 
     def centred(self, fit):

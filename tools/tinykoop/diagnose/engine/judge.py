@@ -8,11 +8,13 @@ from scipy import stats
 from . import openset
 from .finder import ALIKE
 
+LONG = 10  # passes of a fit of another explanation, since slopes about the first one may be poor there
 SAME = 6.0  # of cost, by which two explanations may differ and still be one class
 TINY = 0.05  # of the usual size: what is less is significant perhaps, but does not matter
 EXPLAINS = 0.75  # of the misfit above the noise, which causes must take away beside something that is left
 OWN = 0.2  # of it, that each of them must
 DOUBT = 0.85  # of a confidence stays where something is left
+FURTHER = 0.9  # of it for each further cause: what is not in the library is mimicked by several that are
 MOVES = 0.25  # of its size, by which a cause may move when generic pushes enter, and still be established
 ORDER = (
     "parameter",
@@ -65,7 +67,7 @@ def _rivals(finder, fit, i):
         if c.name not in fit.names and usable and abs(cosine) > best.get(c.name, (0.9,))[0]:
             best[c.name] = abs(cosine), c
     close = sorted(best.values(), key=lambda b: -b[0])[:4]
-    trials = [finder.refine(finder.add(base, (c,))) for cosine, c in close if cosine > ALIKE - 0.03]
+    trials = [finder.refine(finder.add(base, (c,)), LONG) for cosine, c in close if cosine > ALIKE - 0.03]
     return [t for t in trials if t.cost < fit.cost + SAME]
 
 
@@ -112,9 +114,8 @@ def judge(finder, fit):
         established = not left.matters or (explains and moved[at : at + count].max() < MOVES and gain > OWN * most)
         at += count
         sure = float(stats.norm.cdf((gain / max(fit.cost / finder.problem.degrees, 1.0) - finder.price) / (2 * np.sqrt(finder.price))))
-        proofs.append(
-            Proof(float(gain), min(sure, 0.99) / (1 + len(others[i])) * (DOUBT if left.matters else 1.0), others[i], bool(established))
-        )
+        sure = min(sure, 0.99) * FURTHER ** (len(fit.causes) - 1) * (DOUBT if left.matters else 1.0) / (1 + len(others[i]))
+        proofs.append(Proof(float(gain), sure, others[i], bool(established)))
     return fit, proofs, left
 
 

@@ -97,9 +97,9 @@ class Problem:
     # ---- simulation --------------------------------------------------------------------------------------
 
     def action(self, causes):
-        """What the simulator is given."""
-        action = self.rollouts.idle()
-        for cause in (*self.before, *causes):
+        """What the simulator is given: effects act in the library's order, whichever was found first."""
+        action, order = self.rollouts.idle(), list(self.everything)
+        for cause in sorted((*self.before, *causes), key=lambda cause: order.index(cause.name)):
             action = self.everything[cause.name].act(cause.params, action, self.context)
         return action
 

@@ -12,11 +12,12 @@ MOST = 4  # effects of one explanation
 SINGLES, PAIRS = 4, 2  # that are simulated in each round
 FITTED = 2  # of these, the best, that are fitted in full
 PASSES, ITERATIONS = 4, 8  # of a fit; by the slopes in each of them
-BUDGET = 200  # passes, after which no further effect is looked for
+BUDGET = 100  # passes, after which no further effect is looked for: to prove those found takes as many again, at most
 TRUE_STEP = 1e-2  # of a parameter's usual size, by which columns are differentiated
 WALD = 4.0  # robust t that an effect has to reach
 # Sizes tried of what has no slope, over the one before.
 GRIDS = tuple(np.geomspace(1 / reach, reach, 9) for reach in (2.0, 1.2, 1.04, 1.01))
+DOUBTED = 2  # causes, or groups, of which it is simulated whether less does as well
 ABSORBED = 0.8  # of what several effects do, from which on one is tried in their place
 SMALL = 0.01  # of the misfit, or of the noise: what an effect takes away beyond its price matters only if it is more
 OFFSETS = np.geomspace(1e-5, 0.4, 140)
@@ -311,18 +312,35 @@ class Finder:
 
     def simplify(self, fit):
         """One effect in the place of several, where it does what they do."""
-        problem = self.problem
+        found = sorted(self._stand_ins(fit), key=lambda found: -found[0])
+        for _, rest, candidate in found[:DOUBTED]:
+            trial = self.refine(self.add(self.problem.fit_of(rest), (candidate,)))
+            if self.worth(trial) < self.worth(fit):
+                return self.simplify(self.settle(trial))
+        return fit
+
+    def _stand_ins(self, fit):
+        """(share of what several causes do that it does, the causes that are left, candidate): by the slopes."""
         for count in range(len(fit.causes), 1, -1):
             for group in combinations(range(len(fit.causes)), count):
                 rest = tuple(c for i, c in enumerate(fit.causes) if i not in group)
-                have = problem.columns([fit.causes, rest]) @ [1.0, -1.0]
-                found = [c for c in self.candidates(problem.fit_of(rest)) if c.name not in fit.names]
-                absorbs = [(c.column @ have) ** 2 / max(c.column @ c.column, 1e-9) / (have @ have) for c in found]
-                for i in np.argsort(absorbs)[::-1][:2]:
-                    trial = self.refine(self.add(problem.fit_of(rest), (found[i],))) if absorbs[i] > ABSORBED else fit
-                    if self.worth(trial) < self.worth(fit):
-                        return self.simplify(self.settle(trial))
-        return fit
+                have = self.problem.columns([fit.causes, rest]) @ [1.0, -1.0]
+                for c in self.candidates(Fit(rest, np.nan, fit.left)):
+                    share = (c.column @ have) ** 2 / max(c.column @ c.column, 1e-9) / (have @ have)
+                    if share > ABSORBED and c.name not in fit.names:
+                        yield share, rest, c
+
+    def _least(self, fit):
+        """Indices of causes, first the one that by the slopes does least that the others cannot do."""
+        ways, does = fit.causes, []
+        parts = np.cumsum([0, *(len(self.problem.effects[c.name].parameters) for c in ways)])
+        J = self.jacobian(fit)
+        for i in range(len(ways)):
+            have = self.problem.columns([ways, ways[:i] + ways[i + 1 :]]) @ [1.0, -1.0]
+            others = np.delete(J, np.r_[parts[i] : parts[i + 1]], 1)
+            have = have - others @ np.linalg.lstsq(others, have, rcond=1e-9)[0]
+            does.append(have @ have)
+        return np.argsort(does)
 
     def eliminate(self, fit):
         """Takes out what does not pay, or what only a few windows ask for."""
@@ -332,7 +350,7 @@ class Finder:
             if len(weak):
                 fit = self.refine(self.problem.fit_of(fit.causes[: weak[0]] + fit.causes[weak[0] + 1 :]), 3)
                 continue
-            rests = [self.refine(self.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3) for i in range(len(fit.causes))]
+            rests = [self.refine(self.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 2) for i in self._least(fit)[:DOUBTED]]
             best = min(rests, key=self.worth)
             if best.cost - fit.cost > max(self.price, SMALL * self.problem.degrees, SMALL * (self.base.cost - self.problem.degrees)):
                 break

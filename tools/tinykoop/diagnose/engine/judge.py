@@ -8,7 +8,7 @@ from scipy import stats
 from . import openset
 from .finder import ALIKE
 
-LONG = 10  # passes of a fit of another explanation, since slopes about the first one may be poor there
+LONG = 6  # passes of a fit of another explanation, since slopes about the first one may be poor there
 SAME = 6.0  # of cost, by which two explanations may differ and still be one class
 TINY = 0.05  # of the usual size: what is less is significant perhaps, but does not matter
 EXPLAINS = 0.75  # of the misfit above the noise, which causes must take away beside something that is left
@@ -108,7 +108,7 @@ def judge(finder, fit):
     most = max(finder.base.cost - finder.problem.degrees, 1e-9)
     explains = (finder.base.cost - fit.cost) / most > EXPLAINS
     for i, cause in enumerate(fit.causes):
-        rest = finder.refine(finder.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 3)
+        rest = finder.refine(finder.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 1)
         gain = max(rest.cost - fit.cost, 0.0)
         count = len(cause.params)
         established = not left.matters or (explains and moved[at : at + count].max() < MOVES and gain > OWN * most)

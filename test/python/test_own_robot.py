@@ -86,6 +86,76 @@ def test_a_wrong_parameter_is_named_with_what_does_the_same(car, tmp_path):
     assert effect["name"] == "parameter:wheelbase" and abs(effect["params"]["change"] - 0.05) < 0.004
 
 
+def test_effects_act_in_one_order_whichever_was_found_first(car, healthy):
+    """A drive that sags and one that is off do not commute: (u - sag u) + bias is not (u + bias) less the sag of both."""
+    problem = Problem(car, healthy, 40)
+    causes = Cause("sag:speed", (0.3,)), Cause("bias:speed", (0.5,))
+    u = problem.action(causes).u
+    np.testing.assert_array_equal(u, problem.action(causes[::-1]).u)
+    t = (healthy.t - healthy.t[0]) / np.ptp(healthy.t)
+    np.testing.assert_allclose(u[:, 0], healthy.u[:, 0] * (1 - 0.3 * t) + 0.5, rtol=1e-12)
+
+
+class Counting:
+    """A simulator that counts the rows it is asked for."""
+
+    def __init__(self, simulator):
+        self.simulator, self.rows = simulator, 0
+
+    def step(self, x, u, dt, params):
+        self.rows += len(x)
+        return self.simulator.step(x, u, dt, params)
+
+
+def test_passes_are_all_rows_that_the_simulator_was_asked_for(car, tmp_path):
+    counting, log = Counting(car.simulator), log_of(car, tmp_path, 17, lag=0.12)
+    report = own.diagnose(log, replace(car, simulator=counting)).report
+    assert report["passes"] == round(counting.rows / (len(log.t) - 1)) <= 200
+
+
+class Hasty:
+    """Euler steps, `parts` in each row: the car's simulator in a plain hand."""
+
+    def __init__(self, parts):
+        self.parts = parts
+
+    def step(self, x, u, dt, params):
+        for _ in range(self.parts):
+            rate = np.stack([u[:, 0] * np.cos(x[:, 2]), u[:, 0] * np.sin(x[:, 2]), u[:, 0] * np.tan(u[:, 1]) / 0.33], 1)
+            x = x + dt / self.parts * rate
+        return x
+
+
+def test_how_much_shorter_steps_the_log_speaks_for_is_found(car, healthy):
+    """Euler's error goes with the step: two in a row take away half of it, of which the four that are tried take three quarters."""
+    x, parts = [healthy.x[0]], Hasty(2)
+    for u in healthy.u[:-1]:
+        x.append(parts.step(x[-1][None], u[None], healthy.dt, [])[0])
+    x = np.array(x) + np.random.default_rng(5).normal(0, 1e-4, np.shape(x))
+    report = own.diagnose(replace(healthy, x=x, y=x), replace(car, simulator=Hasty(1))).report
+    assert report["verdict"] == "none" and abs(report["time_step"]["share"] - 2 / 3) < 0.02
+
+
+@pytest.fixture
+def quadrotor():
+    """(make_log.py of the quadrotor, its Robot)."""
+    spec = importlib.util.spec_from_file_location("fly", CAR.parent / "quadrotor/make_log.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module, toml.read(CAR.parent / "quadrotor/quadrotor.toml")
+
+
+def test_a_name_that_does_the_same_in_another_way_is_found_however_far_it_is(quadrotor, tmp_path):
+    """Mass lessened by a sixth is thrust increased by a fifth: one is not the other times a number."""
+    true, robot = quadrotor
+    true.PAYLOAD = -0.13
+    with open(tmp_path / "log.csv", "w", newline="") as file:
+        csv.writer(file).writerows([("t", "x", "z", "pitch", "thrust", "torque"), *true.fly(31)])
+    report = own.diagnose(read(tmp_path / "log.csv", robot), robot).report
+    assert report["effects"][0]["name"] == "parameter:mass" and "gain:thrust" in report["ambiguous_with"]["parameter:mass"]
+    assert abs(report["effects"][0]["params"]["change"] / -0.13 - 1) < 0.02
+
+
 def test_what_no_effect_explains_is_unknown(car, tmp_path):
     def understeers(pose, speed, steering):
         return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(steering) / 0.33 / (1 + 0.25 * speed**2)

@@ -25,9 +25,10 @@ TIERS = {
     "none": "none: healthy",
     "single": "one",
     "pair": "two",
-    "left_out": "one, withheld from the library",
-    "unknown": "one that no library has",
+    "left_out": "one, withheld",
+    "unknown": "unknown to all",
 }
+VERDICTS = "known", "partly", "none", "unknown", "failed"
 SURE = 0.9  # confidence
 
 
@@ -141,12 +142,16 @@ def report(plant, rows):
         errors, passes = [e for row in some for e in row["errors"]], [row["passes"] for row in some if row["passes"]]
         inside = [i for row in some for i in row.get("inside", ())]
         lines.append([
-            words, count("right"), *(str(verdicts.count(v)) for v in ("known", "partly", "none", "unknown", "failed")), count("sure_wrong"),
+            words, count("right"), " ".join(str(verdicts.count(v)) for v in VERDICTS), count("sure_wrong"),
             f"{100 * np.median(errors):.2g} %" if errors else "-", f"{sum(inside)}/{len(inside)}" if inside else "-",
             f"{np.median(passes):.0f}, {max(passes)}" if passes else "-", f"{number(np.median([row['seconds'] for row in some]), 2)} s",
         ])  # fmt: skip
-    headers = ["effects", "right", "known", "partly", "none", "unknown", "failed", "sure, wrong", "size error", "in 95 %", "passes", "time"]
-    note = "right: one, named first; two, both and no other; names that the report calls ambiguous count. passes: median, most."
+    headers = ["effects", "right", "verdicts", "wrong", "size off", "in 95 %", "passes", "time"]
+    note = (
+        "right: one, named first; two, both and no other; names that the report calls ambiguous count. withheld: from the library of the"
+        f" diagnosis; unknown to all: no library has it. verdicts: {', '.join(VERDICTS)}. wrong: with a confidence over {SURE}. size off:"
+        " median. in 95 %: sizes in their intervals. passes: median, max."
+    )
     print_table(f"Blind: {plant.NAME}", headers, lines, note)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from tinykoop.assure import coverage
 from tinykoop.assure.coverage import Item
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 # if (a && b) { .. } on line 3, of which b was never false; a loop on line 5, from a macro used twice
 FUNCTION = {

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from tinykoop.assure import determinism
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 PRINTED = "part float32 lift-poly-ddr 0123 0x1p+0 -0x1p-1\npart float64 lift-poly-ddr 4567 nan\n"
 GCC = determinism.Build("gcc -O2", "gcc", ("-O2",))

@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from tinykoop import targets
 from tinykoop.assure import flags
-from tinykoop.errors import UserError
+from tinykoop.firmware import targets
+from tinykoop.plumbing.errors import UserError
 
 DATA = json.loads(flags.DATA.read_text())
 STRICT, LOOSE = flags.FlagSet("strict", ("-O2",)), flags.FlagSet("loose", ("-Ofast",), emulated=True)

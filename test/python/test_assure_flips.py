@@ -4,7 +4,7 @@ import json
 
 import pytest
 from tinykoop.assure import flips
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 ROW = {
     "what": "Theta", "configuration": "gate_checksum", "regulator": "ef", "form": "sqrt", "check": "refuse", "precision": "f32",

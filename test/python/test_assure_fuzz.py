@@ -5,7 +5,7 @@ import subprocess
 import pytest
 
 from tinykoop.assure import fuzz
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 STATS = "stat::number_of_executed_units: {}\nstat::average_exec_per_sec:     5\n"
 

@@ -9,7 +9,7 @@ import pytest
 from tinykoop.assure import mutants, trial
 from tinykoop.assure.mutation import Mutant
 from tinykoop.assure.mutation import mutants as mutants_of
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 
 def after(line, text=None):

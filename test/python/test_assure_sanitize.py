@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from tinykoop.assure import sanitize
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 
 def test_a_command_that_fails_is_a_finding_with_its_last_lines():

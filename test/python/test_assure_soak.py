@@ -4,7 +4,7 @@ import json
 
 import pytest
 from tinykoop.assure import soak
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 REFUSED = {"input": 0, "overflow": 0, "indefinite": 0, "outlier": 0, "range": 0}
 SOUND = {

@@ -3,7 +3,7 @@
 import pytest
 
 from tinykoop.assure import static
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 LOG = """[eva:alarm] lib/src/threshold.c:35: Warning:
   non-finite float value. assert \\is_finite(h);

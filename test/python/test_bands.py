@@ -8,7 +8,7 @@ wide as the figures moved when plant and arithmetic were varied a little, and no
 import numpy as np
 import pytest
 import reference
-from tinykoop import sim
+from tinykoop.bridge import sim
 
 SLIP, FRICTION = (10, 1.6, 0.11, 0.3, 0.45), (0.40, 0.12, 0.08, 1.0)
 PHASES = [

@@ -4,8 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from tinykoop import bench_rls, sim
-from tinykoop.errors import UserError
+from tinykoop.bench import update
+from tinykoop.bridge import sim
+from tinykoop.plumbing.errors import UserError
 
 K = 203
 
@@ -85,13 +86,13 @@ def test_the_wide_dictionary_is_wide(precision, tolerance):
 
 @pytest.fixture(scope="module")
 def flight():
-    x, u = bench_rls.flight()
-    return x[: bench_rls.NUMPY_ROWS + 101], u[: bench_rls.NUMPY_ROWS + 100]
+    x, u = update.flight()
+    return x[: update.NUMPY_ROWS + 101], u[: update.NUMPY_ROWS + 100]
 
 
 def test_replay_rows(flight, capsys):
     """Every dictionary, regulator and form once; rates, shares and ratios are those of the times and traces beside them."""
-    rows = bench_rls.replay_rows(*flight, "flags", repeats=1)
+    rows = update.replay_rows(*flight, "flags", repeats=1)
     json.dumps(rows, allow_nan=False)
     by_task = {row["task"]: row for row in rows}
     assert len(by_task) == len(rows) == 3 * 6 * 2
@@ -116,16 +117,16 @@ def test_replay_rows(flight, capsys):
             gated += 1
     assert by_task["replay_f32_N40_dz_cs_sqrt"]["gated"] == pytest.approx(gated / len(u), abs=0.02)
 
-    bench_rls.show_replays(rows)
+    update.show_replays(rows)
     shown = capsys.readouterr().out
     assert "N = 40, sqrt" in shown and f"{by_task['replay_f32_N40_none']['samples_per_second'] / 1e6:.2f}" in shown
 
 
 def test_a_peer_that_learns_something_else_is_refused(flight, monkeypatch):
-    class Forgetful(bench_rls.NumpyRls):
+    class Forgetful(update.NumpyRls):
         def __init__(self, dtype, n_lifted, n_regressors, forgetting, p0):
             super().__init__(dtype, n_lifted, n_regressors, forgetting - 1e-4, p0)
 
-    monkeypatch.setattr(bench_rls, "NumpyRls", Forgetful)
+    monkeypatch.setattr(update, "NumpyRls", Forgetful)
     with pytest.raises(UserError, match="NumPy learns something else"):
-        bench_rls.replay_rows(*flight, "flags", repeats=1)
+        update.replay_rows(*flight, "flags", repeats=1)

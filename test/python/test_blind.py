@@ -5,10 +5,11 @@ import sys
 
 import numpy as np
 import pytest
-from tinykoop import blind, sim
+from tinykoop import blind
 from tinykoop.blind import drives, plant, score, tiers
 from tinykoop.blind.plant import Cause
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.plumbing.errors import UserError
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
 
@@ -286,7 +287,7 @@ def test_figures():
 
 STAND_IN = """
 import json, pathlib, sys
-from tinykoop import sim
+from tinykoop.bridge import sim
 log, _, fresh, _, out, *rest = sys.argv[1:]
 assert sorted(p.name for p in pathlib.Path(log).parent.iterdir()) == ["fresh.csv", "log.csv"]
 K = len(sim.read_log(log).x), len(sim.read_log(fresh).x)

@@ -6,7 +6,7 @@ import random
 import pytest
 from tinykoop.blind.own import ROBOTS, campaign, car
 from tinykoop.blind.own.plant import Actuator, drive
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 LABEL = {"tier": "single", "effects": {"gain:speed": 0.1}, "without": []}
 

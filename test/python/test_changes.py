@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import changes, replay, sim
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.logs import changes, replay
+from tinykoop.plumbing.errors import UserError
 
 FLIGHTS = Path(__file__).resolve().parents[3] / "shared/data/flapper"
 MANOEUVRES = ("hover", "pitch", "yaw")

@@ -18,9 +18,10 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
-from tinykoop import convert, sim
+from tinykoop import convert
+from tinykoop.bridge import sim
 from tinykoop.convert import COLUMNS, FORMATS, crazyflie, ros2, ulog, usd, variables
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 G = 9.80665

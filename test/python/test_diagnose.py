@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from scipy import linalg, stats
-from tinykoop import sim
+from tinykoop.bridge import sim
 from tinykoop.diagnose import diagnose, elsewhere, measure, noise, phases, verdict, words
 from tinykoop.diagnose.features import Generic
 from tinykoop.diagnose.fit import Cause, Fitter

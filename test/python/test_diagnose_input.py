@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import cli, sim
+from tinykoop import cli
+from tinykoop.bridge import sim
 from tinykoop.diagnose.robots import new
 
 DT, ROWS = 0.05, 300

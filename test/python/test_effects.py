@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from tinykoop import sim
+from tinykoop.bridge import sim
 
 # contract, section 5; the seed is an addition
 VOCABULARY = {

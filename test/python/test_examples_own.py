@@ -20,7 +20,7 @@ from tinykoop.diagnose.engine.problem import Problem
 from tinykoop.diagnose.robots import check, toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.diagnose.simulators import shared_library
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples/own_robot"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 
-from tinykoop import sim
+from tinykoop.bridge import sim
 from tinykoop.diagnose.flight import diagnosis, gap, vehicle
 from tinykoop.diagnose.flight.baseline import simulated
-from tinykoop.diagnose.flight.innovations import LAGS, Innovations, Whitener
-from tinykoop.errors import UserError
+from tinykoop.diagnose.flight.innovations import Innovations, LAGS, Whitener
+from tinykoop.plumbing.errors import UserError
 
 STILL = sim.Effect("vibration", (-1.0,))  # a body that does not shake
 NOISY = sim.fwmav("hover", 10, 1)[0]  # whose noise the observer's gain is made for

@@ -9,9 +9,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from test_report import Reader
-from tinykoop import results, sim
+from tinykoop.bridge import sim
 from tinykoop.diagnose.flight import diagnose, figures, page, vehicle, words
 from tinykoop.diagnose.words import phrase
+from tinykoop.plumbing import results
 
 SECONDS, FROM = 9, 4.0
 TRIM = (0.03, 0.05)

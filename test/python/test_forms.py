@@ -11,7 +11,7 @@ is lost: that is its floor.
 import numpy as np
 import pytest
 import reference
-from tinykoop import sim
+from tinykoop.bridge import sim
 
 ROWS, N, D, LAM = 1000, 22, 24, 0.98
 FORMS = ("plain", "sqrt")

@@ -15,7 +15,7 @@ from conftest import ROOT
 from scipy.integrate import solve_ivp
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
-from tinykoop import sim
+from tinykoop.bridge import sim
 
 S = sim.FWMAV_STATE
 # the order of action that effects.c documents, and the parameters' units

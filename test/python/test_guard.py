@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from tinykoop import control, guard, scenario, sim
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.experiments import control, guard, scenario
+from tinykoop.plumbing.errors import UserError
 
 PRECISIONS = (64, 32)
 

@@ -13,8 +13,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from tinykoop import results, scenario, sim
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.experiments import scenario
+from tinykoop.plumbing import results
+from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "tools")}
@@ -64,7 +66,7 @@ def flight(tmp_path_factory):
 
 DIE_IN_WRITE = """
 import os, signal, sys
-from tinykoop import results
+from tinykoop.plumbing import results
 die = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 setattr(os, sys.argv[2], die)
 results.write_json(sys.argv[1], ["new"] * 100000)
@@ -93,7 +95,8 @@ def test_the_part_of_a_run_that_goes_on_is_left_alone(tmp_path):
 DIE_AFTER_PLOTS = """
 import os, signal, sys
 from pathlib import Path
-from tinykoop import learn, plots
+from tinykoop.experiments import learn
+from tinykoop.plumbing import plots
 left, save = int(sys.argv[2]), plots.save
 def saves(figure, path):
     global left
@@ -333,7 +336,7 @@ def test_no_output_at_all_is_no_fault(log, tmp_path):
 WRITE_SETS = """
 import sys, time
 from pathlib import Path
-from tinykoop import results
+from tinykoop.plumbing import results
 out, tag = Path(sys.argv[1]), sys.argv[2]
 for k in range(40):
     with results.replacing(out / "set.json", {"tag": tag, "k": k}):
@@ -363,7 +366,7 @@ def test_two_runs_at_once_leave_the_set_of_one(tmp_path):
 WRITE_LOGS = """
 import sys
 import numpy as np
-from tinykoop import sim
+from tinykoop.bridge import sim
 rows = int(sys.argv[2])
 for _ in range(30):
     sim.write_log(sys.argv[1], np.full((rows, 3), rows), np.zeros((rows, 2)), 0.1)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import platforms, sim
-from tinykoop.errors import UserError
+from tinykoop import platforms
+from tinykoop.bridge import sim
+from tinykoop.plumbing.errors import UserError
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
 COLUMNS = {
@@ -354,7 +355,8 @@ def test_other_platforms_log(read):
 COMMA = textwrap.dedent("""
     import locale, sys
     import numpy as np
-    from tinykoop import platforms, sim
+    from tinykoop import platforms
+    from tinykoop.bridge import sim
 
     locale.setlocale(locale.LC_NUMERIC, "comma")
     assert locale.localeconv()["decimal_point"] == ","
@@ -386,8 +388,9 @@ def test_locale_with_a_decimal_comma(tmp_path):
 FUZZ = textwrap.dedent(r"""
     import sys
     import numpy as np
-    from tinykoop import platforms, sim
-    from tinykoop.errors import UserError
+    from tinykoop import platforms
+    from tinykoop.bridge import sim
+    from tinykoop.plumbing.errors import UserError
 
     folder, seed, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     rng = np.random.default_rng(seed)

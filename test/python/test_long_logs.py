@@ -6,8 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tinykoop import replay, results, sim
+from tinykoop.bridge import sim
 from tinykoop.diagnose import diagnose, measure, page, words
+from tinykoop.logs import replay
+from tinykoop.plumbing import results
 
 DT = 0.05
 SLOWEST = [

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from tinykoop.callgraph import calls, cycle, deepest, held_in_tables
+from tinykoop.firmware.callgraph import calls, cycle, deepest, held_in_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 LIB = ROOT / "lib"

@@ -17,7 +17,7 @@ from tinykoop.diagnose.report.html import html
 from tinykoop.diagnose.report.story import story
 from tinykoop.diagnose.robots import check, toml
 from tinykoop.diagnose.robots.log import read
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = ROOT / "examples/own_robot/car"

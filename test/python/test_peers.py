@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from tinykoop import sim
+from tinykoop.bridge import sim
 
 for package in ("pysindy", "sklearn", "threadpoolctl"):
     pytest.importorskip(package, reason=f"{package} is missing: `make blind` installs tools/requirements-peers.txt")
 
-from tinykoop.blind.peers import PEERS, boosting, common, library, sindy  # noqa: E402
+from tinykoop.blind.peers import PEERS, boosting, common, library, sindy
 
 DT, SP, ST = 0.05, 0.004, 0.004
 FIELDS = {"verdict", "effects", "ranking", "ambiguous_with", "gap", "fresh"}

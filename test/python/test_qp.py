@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
-from tinykoop import control, qp, scenario, sim
+from tinykoop.bench import qp
+from tinykoop.bridge import sim
+from tinykoop.experiments import control, scenario
 
 METHODS = [scenario.Method("rbf", name) for name in ("offline", "dz_cs", "dz_ks", "ct", "sift")]
 

@@ -102,7 +102,7 @@ def test_assurance_names_files_that_exist():
 
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
-    from tinykoop import sim
+    from tinykoop.bridge import sim
     from tinykoop.diagnose import diagnosis, measure, pieces, search, verdict
     from tinykoop.diagnose.flight import diagnosis as flight
     from tinykoop.diagnose.flight import gap, innovations

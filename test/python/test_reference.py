@@ -6,7 +6,7 @@ Tolerances are those that the project promises; the agreement found is noted bes
 import numpy as np
 import pytest
 import reference
-from tinykoop import sim
+from tinykoop.bridge import sim
 
 K = 500
 CELLS = [(d, r) for d in reference.DICTIONARIES for r in reference.REGULATORS]

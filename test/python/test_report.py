@@ -9,9 +9,10 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from tinykoop import results, sim
+from tinykoop.bridge import sim
 from tinykoop.diagnose import diagnose, figures, page, words
 from tinykoop.diagnose.platform import Ddr
+from tinykoop.plumbing import results
 
 DT = 0.05
 VOID = {"meta", "link", "br", "img", "input", "hr"}

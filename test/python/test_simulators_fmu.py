@@ -24,7 +24,7 @@ from tinykoop.diagnose.engine.rollouts import RunsAway
 from tinykoop.diagnose.robot import RobotLog
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 fmpy = pytest.importorskip("fmpy", reason="no fmpy here: pip install -r tools/requirements-simulators.txt")
 

@@ -14,7 +14,7 @@ from tinykoop.diagnose import own
 from tinykoop.diagnose.engine.rollouts import Rollouts
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 mujoco = pytest.importorskip("mujoco", reason="no mujoco here: pip install -r tools/requirements-simulators.txt")
 

@@ -15,7 +15,7 @@ from tinykoop.diagnose.robot import Signal
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.diagnose.simulators import recorded
-from tinykoop.errors import UserError
+from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = ROOT / "examples/own_robot/car"

@@ -5,8 +5,9 @@ import subprocess
 import sys
 
 import pytest
-from tinykoop import sim, size
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.firmware import size
+from tinykoop.plumbing.errors import UserError
 
 
 def known(target, config):

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 from test_tools import strict_json, tinykoop
-from tinykoop import control, scenario, sim, study
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.experiments import control, scenario, study
+from tinykoop.plumbing.errors import UserError
 
 POLY_CT = scenario.Method("poly", "ct")
 

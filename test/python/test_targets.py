@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from tinykoop import callgraph, targets
-from tinykoop.errors import UserError
+from tinykoop.firmware import callgraph, targets
+from tinykoop.plumbing.errors import UserError
 
 ALL = {"arm-none-eabi-gcc", "riscv64-unknown-elf-gcc", "qemu-system-arm", "qemu-system-riscv32"}
 

@@ -10,8 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import cli, control, fit, learn, results, scenario, sim, windup
-from tinykoop.errors import UserError
+from tinykoop import cli
+from tinykoop.bridge import sim
+from tinykoop.experiments import control, learn, scenario, windup
+from tinykoop.logs import fit
+from tinykoop.plumbing import results
+from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 

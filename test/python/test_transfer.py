@@ -5,8 +5,9 @@ import functools
 import numpy as np
 import pytest
 from scipy import signal
-from tinykoop import scenario, sim, transfer
-from tinykoop.errors import UserError
+from tinykoop.bridge import sim
+from tinykoop.experiments import scenario, transfer
+from tinykoop.plumbing.errors import UserError
 
 
 @pytest.mark.parametrize(("precision", "bound"), [(32, 1e-5), (64, 1e-13)])

@@ -6,9 +6,9 @@ import signal
 import sys
 from pathlib import Path
 
-from .errors import UserError
 from .platforms import COLUMNS as PLATFORMS
-from .results import printable
+from .plumbing.errors import UserError
+from .plumbing.results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
@@ -156,19 +156,19 @@ def dispatch(a):
 
         demo.run(a.out, a.log)
     elif a.command == "fly":
-        from . import fly
+        from .logs import fly
 
         fly.run(a.manoeuvre, a.seconds, a.seed, a.effect, a.log)
     elif a.command == "replay":
-        from . import replay
+        from .logs import replay
 
         replay.run_log(a.log, a.out, a.platform)
     elif a.command == "changes":
-        from . import changes
+        from .logs import changes
 
         changes.run(a.log, a.out, a.platform)
     elif a.command == "fit":
-        from . import fit
+        from .logs import fit
 
         fit.run(a.log, a.model, a.dictionary, a.precision, a.platform, a.p0)
     elif a.command == "convert":
@@ -176,11 +176,11 @@ def dispatch(a):
 
         convert.run(a.source, a.csv, a.platform, a.format, a.rate, a.map, a.damaged)
     elif a.command == "transfer":
-        from . import transfer
+        from .experiments import transfer
 
         transfer.run(a.out, a.data)
     elif a.command == "study":
-        from . import study
+        from .experiments import study
 
         study.run(a.out, study.RUNS if a.runs is None else a.runs)
     elif a.command == "diagnose":
@@ -219,11 +219,11 @@ def dispatch(a):
             return
         (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs)
     elif a.command == "size":
-        from . import size
+        from .firmware import size
 
         size.run(a.lifted, a.states, a.inputs, a.horizon, a.precision, a.target)
     elif a.command == "targets":
-        from . import targets
+        from .firmware import targets
 
         targets.run(a.out, a.update)
     elif a.command == "bench":
@@ -250,14 +250,11 @@ def dispatch(a):
         from .assure import flips
 
         flips.run(a.out, a.trials, a.seed)
-    elif a.command in ("coverage", "static", "determinism", "sanitize"):
-        from importlib import import_module
-
-        import_module(f"tinykoop.assure.{a.command}").run(a.out)
     else:
         from importlib import import_module
 
-        import_module(f"tinykoop.{a.command}").run(a.out)
+        room = "assure" if a.command in ("coverage", "static", "determinism", "sanitize") else "experiments"
+        import_module(f"tinykoop.{room}.{a.command}").run(a.out)
 
 
 def _run():

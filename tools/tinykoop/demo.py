@@ -4,8 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from . import ablate, control, diagnose, learn, replay, sim, windup
-from .results import console, output_folder
+from . import diagnose
+from .bridge import sim
+from .experiments import ablate, control, learn, windup
+from .logs import replay
+from .plumbing.results import console, output_folder
 
 
 def gap(out):

@@ -1,6 +1,6 @@
 """The robots that come with TinyKoop, by the columns of their logs; host_sim/ knows the same ones."""
 
-from .errors import UserError
+from .plumbing.errors import UserError
 
 COLUMNS = {  # beside t
     "ddr": ("px", "py", "theta", "v", "omega"),

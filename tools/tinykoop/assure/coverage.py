@@ -13,9 +13,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..command import need, run as run_command
-from ..errors import UserError
-from ..results import number, output_folder, print_table, progress, write_json
+from ..plumbing.command import need, run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, progress, write_json
 
 ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"

@@ -12,12 +12,12 @@ import shutil
 from dataclasses import dataclass, field
 from functools import partial
 
-from ..command import need
-from ..command import run as run_command
-from ..errors import UserError
-from ..results import number, output_folder, print_table, write_json
-from ..targets import FOLDER as TARGETS
-from ..targets import ROOT, Tree, side_by_side
+from ..firmware.targets import FOLDER as TARGETS
+from ..firmware.targets import ROOT, Tree, side_by_side
+from ..plumbing.command import need
+from ..plumbing.command import run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, write_json
 
 BUILD = ROOT / "build/determinism"
 SOURCES = ROOT / "test/determinism"

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from queue import Queue
 from threading import Event
 
-from ..command import need
-from ..command import run as run_command
-from ..errors import UserError
-from ..results import number, output_folder, print_table, progress, write_json
-from ..targets import FOLDER as TARGETS
-from ..targets import ROOT, left_out
+from ..firmware.targets import FOLDER as TARGETS
+from ..firmware.targets import ROOT, left_out
+from ..plumbing.command import need
+from ..plumbing.command import run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, progress, write_json
 from .determinism import missing_here
 from .sanitize import c_tests
 

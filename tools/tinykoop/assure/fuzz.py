@@ -11,10 +11,10 @@ import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ..command import need
-from ..command import run as run_command
-from ..errors import UserError
-from ..results import output_folder, print_table, progress, write_json
+from ..plumbing.command import need
+from ..plumbing.command import run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import output_folder, print_table, progress, write_json
 
 ROOT = Path(__file__).resolve().parents[3]
 COMMITTED = ROOT / "test/fuzz/corpus"

@@ -11,10 +11,10 @@ import random
 from collections import Counter
 from functools import partial
 
-from ..command import need
-from ..errors import UserError
-from ..results import number, output_folder, print_table, write_json
-from ..targets import side_by_side
+from ..firmware.targets import side_by_side
+from ..plumbing.command import need
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, write_json
 from .mutation import mutants as mutants_of
 from .trial import LIB, ROOT, judge, prepare
 

@@ -8,9 +8,9 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ..command import need, run as run_command
-from ..errors import UserError
-from ..results import output_folder, print_table, progress, write_json
+from ..plumbing.command import need, run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import output_folder, print_table, progress, write_json
 
 ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "build/sanitize"

@@ -11,11 +11,11 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
-from .. import plots
-from ..command import need
-from ..command import run as run_command
-from ..errors import UserError
-from ..results import output_folder, print_table, progress, replacing
+from ..plumbing import plots
+from ..plumbing.command import need
+from ..plumbing.command import run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import output_folder, print_table, progress, replacing
 
 ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "build/soak"

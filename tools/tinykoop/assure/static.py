@@ -12,9 +12,9 @@ from pathlib import Path
 
 import lizard
 
-from ..command import need, run as run_command
-from ..errors import UserError
-from ..results import output_folder, print_table, progress, write_json
+from ..plumbing.command import need, run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import output_folder, print_table, progress, write_json
 
 ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"

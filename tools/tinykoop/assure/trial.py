@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ..command import run as run_command
-from ..errors import UserError
-from ..results import progress
+from ..plumbing.command import run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import progress
 
 ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"

@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import sim
-from ..errors import UserError
-from ..results import alone, console, output_folder, remove, write_json
-from ..workers import each, workers
+from ..bridge import sim
+from ..plumbing.errors import UserError
+from ..plumbing.results import alone, console, output_folder, remove, write_json
+from ..plumbing.workers import each, workers
 
 N, SEED = 20, 1
 TIMEOUT = 600  # s, of one diagnosis

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .. import plots
-from ..results import number
+from ..plumbing import plots
+from ..plumbing.results import number
 from . import score, tiers
 
 VERDICTS = {

@@ -10,10 +10,11 @@ cannot be told from a real flight either. Magnitudes are 0.7 to 1.5 times the us
 
 import numpy as np
 
-from .. import plots, sim
-from ..errors import UserError
-from ..results import alone, console, output_folder, print_table, remove, replacing, write_json
-from ..workers import each, workers
+from ..bridge import sim
+from ..plumbing import plots
+from ..plumbing.errors import UserError
+from ..plumbing.results import alone, console, output_folder, print_table, remove, replacing, write_json
+from ..plumbing.workers import each, workers
 from . import Command, DIAGNOSE, _empty, diagnose, score
 
 TIERS = {

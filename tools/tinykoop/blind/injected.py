@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from .. import sim
-from ..results import number, output_folder, print_table, write_json
-from ..workers import each, workers
+from ..bridge import sim
+from ..plumbing.results import number, output_folder, print_table, write_json
+from ..plumbing.workers import each, workers
 from . import Command, DIAGNOSE
 
 SHAKING = 10.0  # Hz, above which gyro and accelerometer are shaken

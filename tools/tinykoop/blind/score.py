@@ -26,10 +26,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from .. import sim
-from ..errors import UserError
-from ..results import number, print_table, progress, replacing
-from ..study import wilson
+from ..bridge import sim
+from ..experiments.study import wilson
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, print_table, progress, replacing
 from . import plant, tiers
 
 OURS = "tinykoop"

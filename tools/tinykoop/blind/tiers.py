@@ -14,7 +14,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from .. import scenario, sim
+from ..bridge import sim
+from ..experiments import scenario
 from . import drives, plant
 from .plant import Cause
 

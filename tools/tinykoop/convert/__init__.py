@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UserError
 from ..platforms import COLUMNS, COMMANDS
-from ..results import console, number, print_table, write_bytes
+from ..plumbing.errors import UserError
+from ..plumbing.results import console, number, print_table, write_bytes
 from .choose import choose
 from .rows import resample
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..errors import UserError
+from ..plumbing.errors import UserError
 
 ANGLES = ("pitch", "roll", "yaw", "theta")
 MOST = 60  # names listed in a message

@@ -10,8 +10,8 @@ import numpy as np
 import rich.progress
 from rich.markup import escape
 
-from ..errors import UserError
-from ..results import console
+from ..plumbing.errors import UserError
+from ..plumbing.results import console
 from .choose import listed
 from .variables import CrazyflieLog
 

@@ -8,8 +8,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from ..errors import UserError
-from ..results import progress
+from ..plumbing.errors import UserError
+from ..plumbing.results import progress
 from .choose import listed
 from .log import Log, Series
 

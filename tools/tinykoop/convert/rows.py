@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import UserError
 from ..platforms import COMMANDS
+from ..plumbing.errors import UserError
 from .choose import ANGLES
 from .log import Series
 

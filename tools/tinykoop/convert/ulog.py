@@ -9,8 +9,8 @@ import numpy as np
 import rich.progress
 from rich.markup import escape
 
-from ..errors import UserError
-from ..results import console
+from ..plumbing.errors import UserError
+from ..plumbing.results import console
 from .choose import listed
 from .log import Log, Series
 

@@ -9,8 +9,8 @@ import zlib
 
 import numpy as np
 
-from ..errors import UserError
-from ..results import progress
+from ..plumbing.errors import UserError
+from ..plumbing.results import progress
 from .choose import listed
 from .variables import CrazyflieLog
 

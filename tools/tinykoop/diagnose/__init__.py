@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from .. import platforms
-from ..errors import UserError
-from ..results import busy, output_folder, printable, replacing, write_bytes
+from ..plumbing.errors import UserError
+from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
 from . import own, page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platform import PLATFORMS

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .. import sim
+from ..bridge import sim
 from .fit import Fitter
 from .pieces import Pieces
 

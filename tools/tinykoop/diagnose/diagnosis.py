@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .. import sim
-from ..errors import UserError
+from ..bridge import sim
+from ..plumbing.errors import UserError
 from . import advise, elsewhere, explain, features, measure, noise, verdict, where
 from .fit import active
 from .pieces import FEWEST, Pieces, cut, usual_rows

@@ -10,7 +10,7 @@ from html import escape
 
 import numpy as np
 
-from ..results import number
+from ..plumbing.results import number
 from . import words
 from .fit import active
 from .measure import HORIZONS

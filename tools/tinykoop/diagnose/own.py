@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..results import busy, output_folder, printable, replacing, write_bytes
+from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
 from .elsewhere import AT_END
 from .engine import ahead, judge
 from .engine.finder import Finder

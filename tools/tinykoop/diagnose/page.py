@@ -4,7 +4,7 @@ import base64
 from html import escape
 from pathlib import Path
 
-from ..results import number
+from ..plumbing.results import number
 from . import figures, words
 
 STYLE = """

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import ruptures
 
-from ..errors import UserError
+from ..plumbing.errors import UserError
 from . import features, noise
 from .fit import ALWAYS, active
 from .pieces import Pieces

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import UserError
+from ..plumbing.errors import UserError
 
 SECONDS = 2.5  # of a piece: long enough for slow effects,
 ROWS, MOST_ROWS = 50, 150  # but in rows not less than the longest horizon that is reported

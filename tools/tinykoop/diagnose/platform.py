@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import sim
+from ..bridge import sim
 from .robot import Parameter
 
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import UserError
+from ..plumbing.errors import UserError
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from ..errors import UserError
-from ..results import output_folder, print_table, write_json
-from ..workers import each, workers
+from ..plumbing.errors import UserError
+from ..plumbing.results import output_folder, print_table, write_json
+from ..plumbing.workers import each, workers
 from . import words
 
 

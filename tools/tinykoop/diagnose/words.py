@@ -2,7 +2,8 @@
 
 import math
 
-from .. import results, sim
+from ..bridge import sim
+from ..plumbing import results
 from .elsewhere import AT_END
 from .noise import LIGHT
 

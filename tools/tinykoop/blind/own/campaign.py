@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import plots
-from ...errors import UserError
-from ...results import alone, console, number, output_folder, print_table, remove, replacing, write_json
-from ...workers import each, workers
-from .. import DIAGNOSE, Command, _empty, diagnose, score
+from ...plumbing import plots
+from ...plumbing.errors import UserError
+from ...plumbing.results import alone, console, number, output_folder, print_table, remove, replacing, write_json
+from ...plumbing.workers import each, workers
+from .. import Command, DIAGNOSE, _empty, diagnose, score
 from . import ROBOTS
 from .plant import drive
 

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ... import results, sim
+from ...bridge import sim
+from ...plumbing import results
 from . import common, library
 
 _CACHE = Path(__file__).resolve().parents[4] / "build" / "peers"

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from ... import sim
+from ...bridge import sim
 
 HORIZONS = (1, 10, 50)
 WINDOW = 20  # steps that a fit predicts ahead

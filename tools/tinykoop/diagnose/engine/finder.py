@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
-from .problem import LIMIT, Cause, Fit
+from .problem import Cause, Fit, LIMIT
 
 MOST = 4  # effects of one explanation
 SINGLES, PAIRS = 4, 2  # that are simulated in each round

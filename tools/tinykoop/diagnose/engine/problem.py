@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 from . import effects as library
 from .rollouts import FEWEST, Rollouts, RunsAway, longest_run
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 
 FEWEST = 8  # rows of a window
 ENOUGH = 8  # windows, of which a further one may be left out

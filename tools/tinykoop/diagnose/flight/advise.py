@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ... import sim
-from ...errors import UserError
+from ...bridge import sim
+from ...plumbing.errors import UserError
 from ..fit import ALWAYS, Cause
 from .innovations import Innovations
 from .search import FlightSearch

@@ -5,7 +5,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ... import sim
+from ...bridge import sim
 from .gap import predictable
 from .innovations import Innovations, Whitener, settled
 from .search import FlightSearch

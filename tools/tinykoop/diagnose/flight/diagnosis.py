@@ -5,14 +5,15 @@ from functools import lru_cache
 
 import numpy as np
 
-from ... import replay, sim
-from ...errors import UserError
+from ...bridge import sim
+from ...logs import replay
+from ...plumbing.errors import UserError
 from .. import elsewhere
 from ..fit import active
 from ..robot import check_effects
 from . import advise, evidence, gap, where
 from .baseline import Baseline, of_vehicle, simulated
-from .generic import FEIGNED, SIGNIFICANT, Generic
+from .generic import FEIGNED, Generic, SIGNIFICANT
 from .innovations import Innovations
 from .search import FlightSearch
 from .vehicle import Fwmav, turns_yaw

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import linalg
 
-from ... import sim
+from ...bridge import sim
 from ..platform import Parameter
 
 CHANNELS = ("gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z", "roll", "pitch", "yaw")

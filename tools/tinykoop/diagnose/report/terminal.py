@@ -1,6 +1,6 @@
 """A Story on the terminal: the verdict, tables, and what the log cannot tell."""
 
-from ...results import print_table
+from ...plumbing.results import print_table
 from ..words import say
 
 QUIET = ("Where and when", "The log and its noise")  # are for the page

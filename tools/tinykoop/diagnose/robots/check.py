@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import UserError
-from ...results import print_table
+from ...plumbing.errors import UserError
+from ...plumbing.results import print_table
 from ..engine import ahead, judge
 from ..engine.finder import ALIKE, Finder
 from ..engine.problem import Problem

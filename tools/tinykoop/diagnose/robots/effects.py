@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ... import sim
-from ...results import number, print_table
+from ...bridge import sim
+from ...plumbing.results import number, print_table
 from ..engine import effects
 from ..engine.problem import Problem
 from ..robot import RobotLog

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 from ..robot import RobotLog
 
 FEWEST = 60  # usable transitions

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from ...errors import UserError
-from ...results import write_bytes
+from ...plumbing.errors import UserError
+from ...plumbing.results import write_bytes
 
 TOML = """# A robot for `tinykoop diagnose LOG.csv --robot {name}.toml`. Change names, columns and units to your own.
 name = "{name}"

@@ -4,7 +4,7 @@ import math
 import tomllib
 from pathlib import Path
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 from .. import simulators
 from ..robot import Gap, Inner, Robot, Signal
 from ..simulators import python, recorded

@@ -7,7 +7,7 @@ fields of the parameters in this order; what it makes may know values of paramet
 from dataclasses import replace
 from math import isfinite
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 from . import fmu, mujoco, python, shared_library
 
 KINDS = {"python": python, "library": shared_library, "mujoco": mujoco, "fmu": fmu}

@@ -15,7 +15,7 @@ from math import nan
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 from ..engine.rollouts import RunsAway
 
 KEYS = ("states", "inputs", "starts")

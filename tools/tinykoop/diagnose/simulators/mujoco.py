@@ -9,7 +9,7 @@ import os
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 
 KEYS = ("qpos", "qvel", "act", "ctrl", "sensordata")
 COUNTS = {

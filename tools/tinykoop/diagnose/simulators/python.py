@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 
 
 def load(place, folder):

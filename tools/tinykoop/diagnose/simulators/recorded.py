@@ -10,9 +10,9 @@ from math import comb
 
 import numpy as np
 
-from ...errors import UserError
-from ...results import printable
-from ..engine.problem import ROWS, Problem
+from ...plumbing.errors import UserError
+from ...plumbing.results import printable
+from ..engine.problem import Problem, ROWS
 from ..engine.rollouts import Rollouts, longest_run
 from ..robots.log import read
 

@@ -6,7 +6,7 @@ from itertools import repeat
 
 import numpy as np
 
-from ...errors import UserError
+from ...plumbing.errors import UserError
 
 # Addresses, not typed pointers: making one costs more than most simulators' step.
 ARGUMENTS = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p)

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from . import scenario
+from ..experiments import scenario
 from .results import write_bytes
 
 LOOK = {

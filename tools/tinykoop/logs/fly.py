@@ -1,8 +1,8 @@
 """Flights of the simulated flapping-wing vehicle, as logs for everyone."""
 
-from . import sim
-from .errors import UserError
-from .results import console, output_folder
+from ..bridge import sim
+from ..plumbing.errors import UserError
+from ..plumbing.results import console, output_folder
 
 
 def _number(text, what):

@@ -1,6 +1,7 @@
-"""Side by side with peers: an update of the model (bench_rls), and a solve of the controller (bench_qp)."""
+"""Side by side with peers: an update of the model (update), and a solve of the controller (solve)."""
 
-from . import bench_qp, bench_rls, results
+from ..plumbing import results
+from . import solve, update
 
 
 def run(out_dir, build_dir):
@@ -11,6 +12,6 @@ def run(out_dir, build_dir):
     out_dir = results.output_folder(out_dir)
     rows = []
     with results.replacing(out_dir / "bench.json", rows):
-        rows += bench_rls.run(out_dir, build_dir)
-        rows += bench_qp.run(out_dir, build_dir)
+        rows += update.run(out_dir, build_dir)
+        rows += solve.run(out_dir, build_dir)
     return rows

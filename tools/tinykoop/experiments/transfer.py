@@ -10,9 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import plots, replay, scenario, sim
-from .errors import UserError
-from .results import number, output_folder, print_table, printable, progress, replacing
+from ..bridge import sim
+from ..logs import replay
+from ..plumbing import plots
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, printable, progress, replacing
+from . import scenario
 
 # The paper names no filter. At 3 Hz a threshold of 1 gates about as often as the paper says it does (54 to 73 %).
 CUTOFF = 3.0  # Hz

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..plumbing.errors import UserError
+from ..plumbing.results import console, output_folder, printable, write_bytes
 from . import replay
-from .errors import UserError
-from .results import console, output_folder, printable, write_bytes
 
 
 def header(model, name, comment):

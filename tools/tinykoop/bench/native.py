@@ -4,7 +4,7 @@ import json
 import subprocess
 from pathlib import Path
 
-from .errors import UserError
+from ..plumbing.errors import UserError
 
 
 def program(build_dir, name):

@@ -4,8 +4,9 @@ import itertools
 
 import numpy as np
 
-from . import plots, scenario
-from .results import number, output_folder, print_table, progress, replacing
+from ..plumbing import plots
+from ..plumbing.results import number, output_folder, print_table, progress, replacing
+from . import scenario
 
 DELTAS = (0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.05, 0.1)
 LAMBDAS = (0.95, 0.98, 0.995)

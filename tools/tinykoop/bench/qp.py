@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import control, scenario, sim
-from .errors import UserError
+from ..bridge import sim
+from ..experiments import control, scenario
+from ..plumbing.errors import UserError
 
 # Steps that are kept of each run, and where the runs begin. On the path hardly a bound is ever active, so
 # most steps come from runs that start 1 m off it.

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from functools import partial, reduce
 from pathlib import Path
 
+from ..plumbing.command import run as run_command
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, progress, write_bytes, write_json
 from . import callgraph
-from .command import run as run_command
-from .errors import UserError
-from .results import number, output_folder, print_table, progress, write_bytes, write_json
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "targets"
 BUILD = ROOT / "build/targets"
 COMMITTED = FOLDER / "footprint.json"

@@ -17,9 +17,12 @@ from importlib import import_module
 
 import numpy as np
 
-from . import control, plots, qp, scenario, sim
-from .errors import UserError
-from .results import number, output_folder, print_table, progress, replacing
+from ..bench import qp
+from ..bridge import sim
+from ..plumbing import plots
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, progress, replacing
+from . import control, scenario
 
 FAILED = 1.0  # mean error (m, rad); about 1 % of the runs found are within a factor of three of it
 RUNS = 10

@@ -13,8 +13,12 @@ from importlib.metadata import version
 
 import numpy as np
 
-from . import native, plots, replay, results, scenario, sim, transfer
-from .errors import UserError
+from ..bridge import sim
+from ..experiments import scenario, transfer
+from ..logs import replay
+from ..plumbing import plots, results
+from ..plumbing.errors import UserError
+from . import native
 
 ROUNDS = 10  # every contender has a turn in each
 REPEATS = 20  # measurements of a native program per round

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import sim
+from ..bridge import sim
 
 DT = 0.05  # s
 STEPS = 5000

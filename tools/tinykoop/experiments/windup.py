@@ -10,8 +10,10 @@ Three questions, one plot each:
 
 import numpy as np
 
-from . import plots, scenario, sim
-from .results import number, output_folder, print_table, progress, replacing, write_json
+from ..bridge import sim
+from ..plumbing import plots
+from ..plumbing.results import number, output_folder, print_table, progress, replacing, write_json
+from . import scenario
 
 FORMS = ("plain", "sqrt", "textbook")
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")

@@ -7,11 +7,11 @@ are, too, for the two sizes measured there, and follow the count of multiply-add
 import json
 from pathlib import Path
 
-from . import sim
-from .errors import UserError
-from .results import print_table
+from ..bridge import sim
+from ..plumbing.errors import UserError
+from ..plumbing.results import print_table
 
-FOOTPRINT = Path(__file__).resolve().parents[2] / "targets/footprint.json"
+FOOTPRINT = Path(__file__).resolve().parents[3] / "targets/footprint.json"
 MEASURED = (("N7_m2_H50", 7), ("N22_m2_H50", 22))
 STATES, INPUTS, HORIZON = 3, 2, 50  # of the measured controllers
 LEVELS = ("O2", "Os")

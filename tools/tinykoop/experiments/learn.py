@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from . import plots, scenario
-from .results import number, output_folder, print_table, progress, replacing
+from ..plumbing import plots
+from ..plumbing.results import number, output_folder, print_table, progress, replacing
+from . import scenario
 
 PRECISIONS = (64, 32)
 EVERY = scenario.ROLLOUT_STRIDE

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import platforms
-from .errors import UserError
-from .results import sweep
+from .. import platforms
+from ..plumbing.errors import UserError
+from ..plumbing.results import sweep
 
 # The variable is for a build with sanitizers.
-_LIBRARY = Path(os.environ.get("TINYKOOP_SIM", Path(__file__).resolve().parents[2] / "build/host/host_sim/libtinykoop_sim.so"))
+_LIBRARY = Path(os.environ.get("TINYKOOP_SIM", Path(__file__).resolve().parents[3] / "build/host/host_sim/libtinykoop_sim.so"))
 _MAX_PARAMETERS = 6
 
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2

@@ -21,7 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-from . import control, native, plots, qp, qp_peers, results, scenario
+from ..experiments import control, scenario
+from ..plumbing import plots, results
+from . import native, qp, qp_peers
 
 METHODS = [scenario.Method("rbf", name) for name in ("offline", "dz_cs", "dz_ks", "ct", "sift")]
 POLY = [scenario.Method("poly", name) for name in ("ct", "sift")]

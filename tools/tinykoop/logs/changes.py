@@ -17,9 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import plots, replay, sim, transfer
-from .errors import UserError
-from .results import output_folder, printable, replacing
+from ..bridge import sim
+from ..experiments import transfer
+from ..plumbing import plots
+from ..plumbing.errors import UserError
+from ..plumbing.results import output_folder, printable, replacing
+from . import replay
 
 STEP = 0.1  # s, over which rows are averaged; of a log slower than that each row is a step, and all that follows is longer
 SWING = 10  # steps

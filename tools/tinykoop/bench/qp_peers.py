@@ -9,8 +9,8 @@ from importlib.metadata import version
 
 import numpy as np
 
-from . import control
-from .errors import UserError
+from ..experiments import control
+from ..plumbing.errors import UserError
 
 _TIGHTER = tuple(10.0**-k for k in range(2, 15))  # tolerances, loosest first
 

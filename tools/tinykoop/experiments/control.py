@@ -10,8 +10,10 @@ finite, a Hessian that is not positive definite), the safe input (0, 0) is appli
 
 import numpy as np
 
-from . import plots, scenario, sim
-from .results import number, output_folder, print_table, progress, replacing
+from ..bridge import sim
+from ..plumbing import plots
+from ..plumbing.results import number, output_folder, print_table, progress, replacing
+from . import scenario
 
 STEPS = 2000
 EDGES = (400, 800, 1200, 1600)

@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from . import platforms, plots, scenario, sim
-from .errors import UserError
-from .results import number, output_folder, print_table, printable, progress, replacing
+from .. import platforms
+from ..bridge import sim
+from ..experiments import scenario
+from ..plumbing import plots
+from ..plumbing.errors import UserError
+from ..plumbing.results import number, output_folder, print_table, printable, progress, replacing
 
 FIT, CALIBRATE = 0.2, 0.2  # shares of the log
 ETA = 0.75

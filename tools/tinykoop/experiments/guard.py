@@ -15,8 +15,10 @@ from itertools import product
 
 import numpy as np
 
-from . import control, plots, scenario, sim
-from .results import number, output_folder, print_table, progress, replacing
+from ..bridge import sim
+from ..plumbing import plots
+from ..plumbing.results import number, output_folder, print_table, progress, replacing
+from . import control, scenario
 
 RUNS = 200
 SEED = 20000  # the defaults of the guard were chosen on seeds below 10000

@@ -1,0 +1,1 @@
+"""The library on microcontrollers: builds, runs on QEMU, sizes."""

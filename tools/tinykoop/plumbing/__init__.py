@@ -1,0 +1,1 @@
+"""What all rooms use: messages, results on disk and terminal, plots, other programs."""

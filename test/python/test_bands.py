@@ -8,14 +8,14 @@ wide as the figures moved when plant and arithmetic were varied a little, and no
 import numpy as np
 import pytest
 import reference
-from tinykoop.bridge import sim
+from tinykoop import bridge
 
 SLIP, FRICTION = (10, 1.6, 0.11, 0.3, 0.45), (0.40, 0.12, 0.08, 1.0)
 PHASES = [
-    sim.Effect("pacejka_slip", SLIP, 50, 100),
-    sim.Effect("stribeck_friction", FRICTION, 100, 150),
-    sim.Effect("pacejka_slip", SLIP, 150, 200),
-    sim.Effect("stribeck_friction", FRICTION, 150, 200),
+    bridge.Effect("pacejka_slip", SLIP, 50, 100),
+    bridge.Effect("stribeck_friction", FRICTION, 100, 150),
+    bridge.Effect("pacejka_slip", SLIP, 150, 200),
+    bridge.Effect("stribeck_friction", FRICTION, 150, 200),
 ]
 
 # mean error, final norm of P, final norm of A, skipped samples in percent
@@ -87,7 +87,7 @@ def within(actual, expected, band):
 def drive():
     """Measured states and commands of the 250 s run, and the nominal states under the same commands."""
     u = reference.commands()
-    return sim.simulate(u, reference.DT, active=PHASES), u, sim.simulate(u, reference.DT)
+    return bridge.simulate(u, reference.DT, active=PHASES), u, bridge.simulate(u, reference.DT)
 
 
 @pytest.fixture(scope="session")
@@ -99,7 +99,7 @@ def run(drive):
         key = (dictionary, regulator, precision, *settings.items())
         if key not in known:
             x, u, _ = drive
-            estimator = sim.Estimator(dictionary, regulator, precision, **settings)
+            estimator = bridge.Estimator(dictionary, regulator, precision, **settings)
             traces = estimator.replay(x, u, every=25)
             figures = (
                 np.nanmean(traces["error"]), traces["norm_p"][-1], traces["norm_a"][-1],
@@ -146,7 +146,7 @@ def test_vanilla_rbf_winds_up(run):
 def test_offline_rbf(drive):
     """A fit to the nominal run alone (P0 = 1e8 is the ridge of 1e-8), then never updated."""
     x, u, nominal = drive
-    estimator = sim.Estimator("rbf_ddr", "none", 64, p0=1e8)
+    estimator = bridge.Estimator("rbf_ddr", "none", 64, p0=1e8)
     estimator.replay(nominal, u)
     theta = estimator.theta
     error = estimator.replay(x, u, learn=False)["error"].mean()
@@ -272,7 +272,7 @@ def test_square_root_form_survives_vanilla_rbf_in_float32(drive):
     x, u, _ = drive
     errors = []
     for seed in range(9):
-        estimator = sim.Estimator("rbf_ddr", "ef", 32, form="sqrt")
+        estimator = bridge.Estimator("rbf_ddr", "ef", 32, form="sqrt")
         traces = estimator.replay(x + 1e-7 * np.random.default_rng(seed).standard_normal(x.shape), u, every=25)
         assert within(traces["norm_p"][-1], 2.393e46, 0.001)
         assert not traces["status"].any()

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from tinykoop.bench import update
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.plumbing.errors import UserError
 
 K = 203
@@ -16,7 +16,7 @@ def log():
     """(x, u, usable) of a robot, with a masked row, a command that is not a number and a state beyond float32."""
     k = np.arange(K)
     u = np.stack([1.5 + 0.3 * np.sin(0.1 * k), 0.6 * np.cos(0.08 * k)], axis=1)
-    x = sim.simulate(u, 0.05, active=[sim.usual_effect("stribeck_friction")])
+    x = bridge.simulate(u, 0.05, active=[bridge.usual_effect("stribeck_friction")])
     usable = np.ones(K, bool)
     x[50], usable[49:51] = np.nan, False
     u[90, 0] = np.nan
@@ -27,7 +27,7 @@ def log():
 def replayed(log, form, precision, regulator, rows=K, **asked):
     """(estimator, traces) of the first rows of the log."""
     x, u, usable = log
-    estimator = sim.Estimator("rbf_ddr", regulator, precision, form=form)
+    estimator = bridge.Estimator("rbf_ddr", regulator, precision, form=form)
     return estimator, estimator.replay(x[: rows + 1], u[:rows], usable[:rows], **asked)
 
 
@@ -44,10 +44,10 @@ CELLS = [
 def test_traces_not_asked_for_change_nothing(log, cell):
     """Each trace alone, and none, bit for bit; Theta and P too. The log has what is skipped, refused and gated."""
     full, everything = replayed(log, *cell, every=40)
-    assert set(everything) == {*sim.TRACES, "theta", "covariance"}
+    assert set(everything) == {*bridge.TRACES, "theta", "covariance"}
     assert {1, 0, -5, -6} >= set(everything["status"]) >= {1, 0, -5}
     assert cell[2] != "dz_cs" or 0 < everything["gated"].sum() < K
-    for asked in [(), *((name,) for name in sim.TRACES)]:
+    for asked in [(), *((name,) for name in bridge.TRACES)]:
         estimator, traces = replayed(log, *cell, traces=asked)
         assert set(traces) == set(asked)
         for name in asked:
@@ -75,7 +75,7 @@ def test_an_unknown_trace_is_refused(log):
 def test_the_wide_dictionary_is_wide(precision, tolerance):
     """N = 40: rbf_fwmav, then every square and product of the four rates once."""
     x = np.random.default_rng(7).normal(size=(20, 10))
-    wide, narrow = (sim.Estimator(name, "ef", precision, n_inputs=1) for name in ("wide_fwmav", "rbf_fwmav"))
+    wide, narrow = (bridge.Estimator(name, "ef", precision, n_inputs=1) for name in ("wide_fwmav", "rbf_fwmav"))
     assert (wide.n, wide.N, narrow.N) == (10, 40, 30)
     psi = wide.lift(x)
     assert np.array_equal(psi[:, :30], narrow.lift(x))
@@ -106,7 +106,7 @@ def test_replay_rows(flight, capsys):
 
     x, u = flight
     theta, P, gated = np.zeros((40, 41)), 100.0 * np.eye(41), 0
-    psi = sim.Estimator("wide_fwmav", "ef", 64, n_inputs=1).lift(x)
+    psi = bridge.Estimator("wide_fwmav", "ef", 64, n_inputs=1).lift(x)
     for z, target in zip(np.column_stack([psi[:-1], u]), psi[1:]):
         missed, g = target - theta @ z, P @ z
         theta += np.outer(missed, g / (0.995 + z @ g))

@@ -8,7 +8,7 @@ import pytest
 from tinykoop import blind
 from tinykoop.blind import drives, plant, score, tiers
 from tinykoop.blind.plant import Cause
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.plumbing.errors import UserError
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
@@ -19,7 +19,7 @@ def commands(rows=400, seed=1):
 
 
 def usual(name):
-    return {row[0]: row[4] for row in sim.effects()[name][1]}
+    return {row[0]: row[4] for row in bridge.effects()[name][1]}
 
 
 def test_effect_named_without_parameters_is_no_failure():
@@ -33,9 +33,9 @@ def test_effect_named_without_parameters_is_no_failure():
 
 
 def test_vocabulary_is_host_sims():
-    assert list(plant.PLAIN) == [name for name in sim.effects() if name != "measurement_noise"]
+    assert list(plant.PLAIN) == [name for name in bridge.effects() if name != "measurement_noise"]
     assert set(plant.OTHER) == set(plant.PLAIN) and len(plant.NEVER) >= 10
-    assert not set(plant.NEVER) & set(sim.effects())
+    assert not set(plant.NEVER) & set(bridge.effects())
 
 
 @pytest.mark.parametrize("name", plant.PLAIN)
@@ -43,9 +43,9 @@ def test_vocabulary_is_host_sims():
 def test_plain_effect_is_host_sims_at_small_steps(name, span):
     u, fine = commands(), 20
     ours = plant.simulate(u, DT, [Cause(name, usual(name), "plain", *span)], START)
-    active = [sim.usual_effect(name, *span)]
-    theirs = sim.simulate(np.repeat(u, fine, axis=0), DT / fine, START, active, sim.ARC)[::fine]
-    nominal = sim.simulate(u, DT, START, integrator=sim.ARC)
+    active = [bridge.usual_effect(name, *span)]
+    theirs = bridge.simulate(np.repeat(u, fine, axis=0), DT / fine, START, active, bridge.ARC)[::fine]
+    nominal = bridge.simulate(u, DT, START, integrator=bridge.ARC)
     assert np.max(np.abs(ours - theirs)) < 1e-4
     assert np.max(np.abs(theirs - nominal)) > 5e-3
 
@@ -54,8 +54,8 @@ def test_all_effects_compose_in_host_sims_order():
     u, fine = commands(), 50
     mixed = np.random.default_rng(0).permutation(list(plant.PLAIN))
     ours = plant.simulate(u, DT, [Cause(str(name), usual(name)) for name in mixed], START)
-    active = [sim.usual_effect(name) for name in plant.PLAIN]
-    theirs = sim.simulate(np.repeat(u, fine, axis=0), DT / fine, START, active, sim.ARC)[::fine]
+    active = [bridge.usual_effect(name) for name in plant.PLAIN]
+    theirs = bridge.simulate(np.repeat(u, fine, axis=0), DT / fine, START, active, bridge.ARC)[::fine]
     assert np.max(np.abs(ours - theirs)) < 3e-3
 
 
@@ -64,7 +64,7 @@ def test_other_form_is_the_same_cause_and_not_the_same_form(name):
     u = commands(1200)
     paths = [plant.simulate(u, DT, [Cause(name, usual(name), shape)], START, np.random.default_rng(0))
              for shape in ("plain", "other")]  # fmt: skip
-    explained = tiers.gap(paths[1], u, DT, active=[sim.usual_effect(name)])["50"]
+    explained = tiers.gap(paths[1], u, DT, active=[bridge.usual_effect(name)])["50"]
     assert 1e-4 < explained < 0.75 * tiers.gap(paths[1], u, DT)["50"]
 
 
@@ -121,7 +121,7 @@ def test_label_says_what_the_log_holds():
     """The gap and floor of the label against the log itself, with the true effect and without."""
     label, (x, u), _ = tiers.draw("single", 3, tiers_index("speed_gain", 3))
     assert label["truth"] == ["speed_gain"] and label["gap"]["50"] > 2 * label["floor"]["50"]
-    true = [sim.Effect("speed_gain", (label["causes"][0]["parameters"]["a"],))]
+    true = [bridge.Effect("speed_gain", (label["causes"][0]["parameters"]["a"],))]
     measured = tiers.gap(x, u, label["dt"], active=true)
     for h in ("1", "10", "50"):
         assert measured[h] == pytest.approx(label["floor"][h], rel=0.02)
@@ -138,7 +138,7 @@ def test_effect_that_switches_acts_on_the_fresh_log_all_along(name):
     assert 0 < cause["t0"] < cause["t1"] < (len(x) - 1) * label["dt"]
     (size,) = cause["parameters"].values()
     faster = (len(x) - 1) * label["dt"] / (cause["t1"] - cause["t0"]) if name == "battery_sag" else 1
-    left = tiers.gap(x, u, label["dt"], active=[sim.Effect(name, (size * faster,))])
+    left = tiers.gap(x, u, label["dt"], active=[bridge.Effect(name, (size * faster,))])
     assert left["50"] == pytest.approx(label["fresh"]["floor"]["50"], rel=0.03)
     assert label["fresh"]["gap"]["50"] > 2 * left["50"]
 
@@ -246,7 +246,7 @@ def test_curve_error_of_slip_and_friction():
 def test_claims_are_checked_by_the_simulator_too():
     u = commands(1500)
     x = plant.simulate(u[:-1], DT, [Cause("yaw_bias", {"d": 0.021})])
-    fresh = sim.Log(np.arange(1500) * DT, x, u, np.ones(1499, bool), DT)
+    fresh = bridge.Log(np.arange(1500) * DT, x, u, np.ones(1499, bool), DT)
     quiet = label(fresh={"gap": {"10": 0.2, "50": 0.5}, "floor": {"10": 1e-3, "50": 1e-3}})
     right, half, wrong = (report(name) for name in ("yaw_bias", "yaw_bias", "yaw_gain"))
     half["effects"][0]["params"]["d"] = 0.0105
@@ -287,10 +287,10 @@ def test_figures():
 
 STAND_IN = """
 import json, pathlib, sys
-from tinykoop.bridge import sim
+from tinykoop import bridge
 log, _, fresh, _, out, *rest = sys.argv[1:]
 assert sorted(p.name for p in pathlib.Path(log).parent.iterdir()) == ["fresh.csv", "log.csv"]
-K = len(sim.read_log(log).x), len(sim.read_log(fresh).x)
+K = len(bridge.read_log(log).x), len(bridge.read_log(fresh).x)
 if rest:
     sys.exit("no " + rest[1])
 pathlib.Path(out).mkdir()

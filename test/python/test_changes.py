@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.logs import changes, replay
 from tinykoop.plumbing.errors import UserError
 
@@ -22,7 +22,7 @@ DRAG = 2 * 17 * 4.3e-3 / 0.026  # acceleration that a wind of 1 m/s gives the si
 
 
 def flight(manoeuvre, seed, active=()):
-    return replay.unwrapped(sim.fwmav(manoeuvre, SECONDS, seed, active)[0], "fwmav")
+    return replay.unwrapped(bridge.fwmav(manoeuvre, SECONDS, seed, active)[0], "fwmav")
 
 
 def held(log, wind, begin, lasts, end=np.inf):
@@ -56,7 +56,7 @@ def test_a_strong_gust_is_a_jolt_when_it_comes():
     count = 0
     for manoeuvre in MANOEUVRES:
         for seed, t0 in ((310, 8.37), (311, 21.52), (312, 30.2)):
-            found = look(flight(manoeuvre, seed, [sim.Effect("gust", (2.0, 0.0), t0)]))
+            found = look(flight(manoeuvre, seed, [bridge.Effect("gust", (2.0, 0.0), t0)]))
             assert all(c["kind"] == "jolt" and c["time"] == pytest.approx(t0, abs=0.5) for c in found)
             count += len(found)
     assert 7 <= count <= 9
@@ -168,7 +168,7 @@ def tinykoop(*arguments):
 
 def test_command_prints_and_writes(tmp_path):
     log = held(flight("hover", 340), 1.0, 20, 1)
-    sim.write_log(tmp_path / "gale.csv", log.x, log.u, log.dt, "fwmav")
+    bridge.write_log(tmp_path / "gale.csv", log.x, log.u, log.dt, "fwmav")
     done = tinykoop("changes", tmp_path / "gale.csv", "--out", tmp_path)
     assert done.returncode == 0 and "20.5 s" in done.stdout and "changed for good" in done.stdout and len(done.stdout.splitlines()) == 1
     assert (tmp_path / "changes_gale.json").exists() and (tmp_path / "changes_gale.png").exists()
@@ -176,9 +176,9 @@ def test_command_prints_and_writes(tmp_path):
 
 def test_bad_input_is_one_line(tmp_path):
     log = flight("hover", 341)
-    sim.write_log(tmp_path / "short.csv", log.x[:900], log.u[:900], log.dt, "fwmav")
+    bridge.write_log(tmp_path / "short.csv", log.x[:900], log.u[:900], log.dt, "fwmav")
     x = np.cumsum(np.full((400, 3), 0.01), axis=0)
-    sim.write_log(tmp_path / "drive.csv", x, x[:, :2], 0.05)
+    bridge.write_log(tmp_path / "drive.csv", x, x[:, :2], 0.05)
     for name, words in (("short.csv", "at least 11 s"), ("drive.csv", "tinykoop diagnose"), ("none.csv", "cannot be opened")):
         done = tinykoop("changes", tmp_path / name, "--out", tmp_path)
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
@@ -203,7 +203,7 @@ def rates(count):
     print(f"nominal flights with a false alarm: {sum(bool(look(log)) for log in nominal)} of {len(nominal)}")
     for speed in (0.5, 0.75, 1.0, 1.5, 2.0):
         times, angles = random.uniform(6, 34, count), random.uniform(0, 2 * np.pi, count)
-        gusts = [sim.Effect("gust", (speed * np.cos(a), speed * np.sin(a)), t) for t, a in zip(times, angles)]
+        gusts = [bridge.Effect("gust", (speed * np.cos(a), speed * np.sin(a)), t) for t, a in zip(times, angles)]
         show(f"gust of {speed} m/s", [look(flight(MANOEUVRES[i % 3], 50_000 + i, [g])) for i, g in enumerate(gusts)], times)
     for speed in (0.2, 0.4, 0.6, 0.8):
         times, lasts = random.uniform(7, 33, count), random.uniform(0.1, 2, count)
@@ -214,7 +214,7 @@ def rates(count):
         ("asymmetry", 0.2), ("trim_bias", 0.03), ("trim_bias", 0.06), ("trim_bias", 0.1),
     ):  # fmt: skip
         times = random.uniform(6, 34, count)
-        effect = functools.partial(sim.Effect, name, (size,) * len(sim.effects("fwmav")[name][1]))
+        effect = functools.partial(bridge.Effect, name, (size,) * len(bridge.effects("fwmav")[name][1]))
         show(f"{name} {size}", [look(flight(MANOEUVRES[i % 3], 60_000 + i, [effect(t)])) for i, t in enumerate(times)], times)
 
 

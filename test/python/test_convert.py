@@ -19,7 +19,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from tinykoop import convert
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.convert import COLUMNS, FORMATS, crazyflie, ros2, ulog, usd, variables
 from tinykoop.plumbing.errors import UserError
 
@@ -263,7 +263,7 @@ class Result:
     """A converted file: by the project's reader, and seg and pose_ok by NumPy's."""
 
     def __init__(self, path, platform):
-        self.log = sim.read_log(path, platform)
+        self.log = bridge.read_log(path, platform)
         table = np.genfromtxt(path, delimiter=",", names=True)
         assert table.dtype.names == ("t", *COLUMNS[platform], "seg", "pose_ok")
         self.t, self.seg, self.ok = table["t"], table["seg"].astype(int), table["pose_ok"] == 1
@@ -803,7 +803,7 @@ def test_altered_bytes_are_read_or_refused(tmp_path, form):
         path.write_bytes(text)
         try:
             convert.run(path, out, platform, damaged=bool(i % 3))
-            sim.read_log(out, platform)
+            bridge.read_log(out, platform)
         except UserError as error:
             assert str(error).isprintable() and len(str(error)) < 4000
             refusals += 1

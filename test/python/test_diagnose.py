@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from scipy import linalg, stats
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.diagnose import diagnose, elsewhere, measure, noise, phases, verdict, words
 from tinykoop.diagnose.features import Generic
 from tinykoop.diagnose.fit import Cause, Fitter
@@ -17,7 +17,7 @@ from tinykoop.diagnose.search import Search
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
 SP, ST = 0.004, 0.004  # m, rad
-VOCABULARY = [name for name in sim.effects() if name != "measurement_noise"]
+VOCABULARY = [name for name in bridge.effects() if name != "measurement_noise"]
 ARC = Ddr.integrators[0]
 SHORT, LONG = 600, 1200  # rows
 
@@ -51,17 +51,17 @@ def noise_of(kind, shape, seed):
 
 
 def as_log(x, u, usable=None, dt=DT):
-    return sim.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool) if usable is None else usable, dt)
+    return bridge.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool) if usable is None else usable, dt)
 
 
-def log_of(u, active=(), kind="white", seed=0, integrator=sim.ARC, size=1.0):
+def log_of(u, active=(), kind="white", seed=0, integrator=bridge.ARC, size=1.0):
     """What a robot with these effects measures."""
-    x = sim.simulate(u[:-1], DT, START, list(active), integrator)
+    x = bridge.simulate(u[:-1], DT, START, list(active), integrator)
     return as_log(x + size * noise_of(kind, x.shape, seed) * (SP, SP, ST), u)
 
 
 def usual(*names):
-    return [sim.usual_effect(name) for name in names]
+    return [bridge.usual_effect(name) for name in names]
 
 
 @functools.lru_cache(None)
@@ -89,7 +89,7 @@ def recorded(report):
     for effect in report["effects"]:
         for t0, t1 in effect["segments"]:
             whole = [t0, t1] == [0.0, report["log"]["seconds"]]
-            found.append(sim.Effect(effect["name"], tuple(effect["params"].values()), t0, np.inf if whole else t1))
+            found.append(bridge.Effect(effect["name"], tuple(effect["params"].values()), t0, np.inf if whole else t1))
     return found
 
 
@@ -207,8 +207,8 @@ def test_generic_model_measures_the_gap(name, H):
     """Against the difference of two simulations without noise, from the same poses."""
     u, truth = drive(LONG, 1), usual(name)
     pieces = settled(log_of(u, truth))
-    clean = sim.simulate(u[:-1], DT, START, truth, sim.ARC)
-    _, off = sim.windows(clean, u, DT, pieces.starts, [H], (), integrator=sim.ARC)
+    clean = bridge.simulate(u[:-1], DT, START, truth, bridge.ARC)
+    _, off = bridge.windows(clean, u, DT, pieces.starts, [H], (), integrator=bridge.ARC)
     expected = np.sqrt((off[..., :2] ** 2).sum(-1).mean())
     assert Generic(pieces).gap(H) == pytest.approx(expected, rel=0.1)
 
@@ -232,7 +232,7 @@ def test_errors_of_a_start_change_nothing():
 
 
 def test_residual_is_the_simulators():
-    """Every piece by itself, from its start, through sim.simulate."""
+    """Every piece by itself, from its start, through bridge.simulate."""
     u, active = drive(), usual("speed_gain", "pacejka_slip", "world_drift", "sensor_lever_arm")
     pieces = Pieces(Ddr(), log_of(u, usual("yaw_gain")), ARC)
     r = pieces.residual(active)
@@ -240,7 +240,7 @@ def test_residual_is_the_simulators():
         c, s = np.cos(pose[2]), np.sin(pose[2])
         arm = active[3].parameters
         base = pose - (c * arm[0] - s * arm[1], s * arm[0] + c * arm[1], 0)
-        off = pieces.log.x[start : start + n] - sim.simulate(u[start : start + n - 1], DT, base, active, sim.ARC)
+        off = pieces.log.x[start : start + n] - bridge.simulate(u[start : start + n - 1], DT, base, active, bridge.ARC)
         expected = np.stack([c * off[:, 0] + s * off[:, 1], c * off[:, 1] - s * off[:, 0], off[:, 2]], axis=1)
         assert np.allclose(ours[1:n], expected[1:], atol=1e-9) and not ours[n:].any()
 
@@ -338,8 +338,8 @@ def test_masked_poses_do_not_matter():
 def path_error(name, params, u):
     """How far the fitted effect's path is from the true one, as a share of how far the effect moves it."""
     true, fitted, nominal = (
-        sim.windows(sim.simulate(u, DT, START, usual(name), sim.ARC), u, DT, range(50, len(u) - 50, 5), [50], a, integrator=sim.ARC)[0]
-        for a in (usual(name), [sim.Effect(name, tuple(params.values()))], [])
+        bridge.windows(bridge.simulate(u, DT, START, usual(name), bridge.ARC), u, DT, range(50, len(u) - 50, 5), [50], a, integrator=bridge.ARC)[0]
+        for a in (usual(name), [bridge.Effect(name, tuple(params.values()))], [])
     )  # fmt: skip
     return np.sqrt(np.mean((fitted - true)[..., :2] ** 2) / np.mean((nominal - true)[..., :2] ** 2))
 
@@ -353,7 +353,7 @@ def test_single_effect(name):
     assert path_error(name, effect["params"], drive(SHORT)) < 0.05
     if len(effect["params"]) <= 2:  # of curves with more, the path is the judge
         for value, true, commanded in zip(
-            effect["params"].values(), sim.usual_effect(name).parameters, np.abs(drive(SHORT)).T
+            effect["params"].values(), bridge.usual_effect(name).parameters, np.abs(drive(SHORT)).T
         ):
             if name == "dead_band":  # between commanded levels it may lie anywhere
                 assert np.sum((commanded > min(value, true)) & (commanded < max(value, true))) <= 2
@@ -365,7 +365,7 @@ def test_intervals_hold_the_truth_mostly():
     inside = []
     for name in VOCABULARY:
         effect = effects_of(single(name).report)[name]
-        for (low, high), true in zip(effect["params_ci95"].values(), sim.usual_effect(name).parameters):
+        for (low, high), true in zip(effect["params_ci95"].values(), bridge.usual_effect(name).parameters):
             assert low <= high
             inside.append(low <= true <= high)
     assert np.mean(inside) > 0.8, inside
@@ -390,7 +390,7 @@ def test_form_of_another_kind_is_not_sure():
     """A speed limit with a soft knee: the hard one explains most of it, but is not it."""
     u = drive(LONG, 7)
     v = u[:, 0] / (1 + np.abs(u[:, 0] / 1.2) ** 12) ** (1 / 12)
-    x = sim.simulate(np.column_stack([v, u[:, 1]])[:-1], DT, START, [], sim.ARC)
+    x = bridge.simulate(np.column_stack([v, u[:, 1]])[:-1], DT, START, [], bridge.ARC)
     report = diagnose(as_log(x + noise_of("white", x.shape, 3) * (SP, SP, ST), u)).report
     assert "saturation" in effects_of(report) and report["unexplained"]["share"] < 0.2
     assert report["unexplained"]["p"] < 1e-4 and surest(report) <= 0.8
@@ -399,7 +399,7 @@ def test_form_of_another_kind_is_not_sure():
 def test_strong_effect_is_not_traded_for_one_at_its_bounds():
     """A robot that turns half as far as told, sluggishly: slip at its bounds does about the same."""
     u = drive(SHORT, 8)
-    log = log_of(u, [sim.Effect("yaw_gain", (-0.55,)), sim.Effect("actuator_lag", (0.9,))])
+    log = log_of(u, [bridge.Effect("yaw_gain", (-0.55,)), bridge.Effect("actuator_lag", (0.9,))])
     pieces = Pieces(Ddr(), log, ARC)
     pieces.set_noise(Noise(SP, ST))
     search = Search(pieces)
@@ -423,7 +423,7 @@ def test_healthy(kind, rows):
         assert report["verdict"] == "none" and not report["effects"], seed
 
 
-@pytest.mark.parametrize("integrator", [sim.EULER, sim.MIDPOINT, sim.ARC, sim.SEMI_IMPLICIT])
+@pytest.mark.parametrize("integrator", [bridge.EULER, bridge.MIDPOINT, bridge.ARC, bridge.SEMI_IMPLICIT])
 def test_stepping_is_no_effect(integrator):
     assert diagnose(log_of(drive(), integrator=integrator)).report["verdict"] == "none"
     report = diagnose(log_of(drive(seed=2), usual("speed_gain"), integrator=integrator)).report
@@ -431,13 +431,13 @@ def test_stepping_is_no_effect(integrator):
 
 
 def test_gap_too_small_to_matter():
-    report = diagnose(log_of(drive(LONG), [sim.Effect("heading_bias", (0.0015,))])).report
+    report = diagnose(log_of(drive(LONG), [bridge.Effect("heading_bias", (0.0015,))])).report
     assert report["verdict"] == "none" and not report["effects"]
 
 
 def test_noise_that_doubles_is_no_effect():
     u = drive(LONG)
-    x = sim.simulate(u[:-1], DT, START, integrator=sim.ARC)
+    x = bridge.simulate(u[:-1], DT, START, integrator=bridge.ARC)
     x += noise_of("white", x.shape, 0) * SP * np.where(np.arange(len(x)) < len(x) // 2, 1, 2)[:, None]
     assert diagnose(as_log(x, u)).report["verdict"] == "none"
 
@@ -467,10 +467,10 @@ def test_lag_or_delay_on_a_slow_drive():
     """Two paths of 50 rows that no noise lets apart: both are said."""
     t = np.arange(SHORT) * DT
     u = np.stack([1 + 0.3 * np.sin(0.1 * t), 0.3 * np.sin(0.1 * t + 1)], axis=1)
-    both = [[sim.Effect(name, (0.3,))] for name in ("transport_delay", "actuator_lag")]
+    both = [[bridge.Effect(name, (0.3,))] for name in ("transport_delay", "actuator_lag")]
     log = log_of(u, both[0])
     late, lagging, prompt = (
-        sim.windows(log.x, u, DT, range(50, SHORT - 50, 50), range(1, 50), active, integrator=sim.ARC)[0]
+        bridge.windows(log.x, u, DT, range(50, SHORT - 50, 50), range(1, 50), active, integrator=bridge.ARC)[0]
         for active in (*both, [])
     )  # fmt: skip
     assert (((late - lagging) / (SP, SP, ST)) ** 2).sum() < 6 < (((late - prompt) / (SP, SP, ST)) ** 2).sum() / 100
@@ -497,7 +497,7 @@ def test_parameter_beyond_its_bound_is_said():
 def test_threshold_that_was_not_reached_is_left_open():
     """The yaw rate never comes near its saturation: its interval must not end above the commands."""
     u = drive(LONG) * (1, 0.3)
-    report = diagnose(log_of(u, [sim.Effect("saturation", (1.2, 2.0))])).report
+    report = diagnose(log_of(u, [bridge.Effect("saturation", (1.2, 2.0))])).report
     effect = effects_of(report)["saturation"]
     assert effect["params"]["v_max"] == pytest.approx(1.2, rel=0.02)
     low, high = effect["params_ci95"]["w_max"]
@@ -529,7 +529,7 @@ def test_closed_loop(names):
         command = np.array([np.clip(1.5 * np.hypot(*off) * np.cos(turn), 0, 2.0), np.clip(2.5 * turn, -1.5, 1.5)])
         x.append(seen)
         u.append(command)
-        pose = sim.simulate(command[None], DT, pose, usual(*names), sim.ARC)[1]
+        pose = bridge.simulate(command[None], DT, pose, usual(*names), bridge.ARC)[1]
     report = diagnose(as_log(np.array(x), np.array(u))).report
     assert report["verdict"] == ("known" if names else "none") and tuple(effects_of(report)) == names
 
@@ -580,7 +580,7 @@ def test_outliers():
 
 def test_effect_that_switches_on():
     onset = 31.0
-    effect = sim.Effect("yaw_gain", sim.usual_effect("yaw_gain").parameters, onset)
+    effect = bridge.Effect("yaw_gain", bridge.usual_effect("yaw_gain").parameters, onset)
     report = diagnose(log_of(drive(LONG, 6), [effect])).report
     assert list(effects_of(report)) == ["yaw_gain"]
     ((t0, t1),) = report["effects"][0]["segments"]
@@ -604,7 +604,7 @@ def test_edge_seconds_away_is_found():
     """At 50 Hz: an onset six seconds late is three hundred rows off."""
     rng, dt = np.random.default_rng(5), 0.02
     u = np.repeat(rng.uniform((0.2, -1.0), (1.8, 1.0), (50, 2)), 40, axis=0)
-    x = sim.simulate(u[:-1], dt, START, Cause("clock_scale", (-0.06,), ((11.7, 27.5),)).active(), sim.ARC)
+    x = bridge.simulate(u[:-1], dt, START, Cause("clock_scale", (-0.06,), ((11.7, 27.5),)).active(), bridge.ARC)
     log = as_log(x + noise_of("white", x.shape, 5) * (SP, SP, ST), u, dt=dt)
     pieces = Pieces(Ddr(), log, ARC)
     pieces.set_noise(Noise(SP, ST))
@@ -631,13 +631,13 @@ def test_threshold_that_is_off_wakes_up():
 
 @pytest.mark.parametrize("name", ["speed_gain", "dead_band", "pacejka_slip"])
 def test_fresh_log(name):
-    """Nothing is fitted there, and its gap is what sim.windows gives."""
+    """Nothing is fitted there, and its gap is what bridge.windows gives."""
     report, u = single(name).report, drive(SHORT, 50)
     assert report["effects"] == diagnose(log_of(drive(), usual(name))).report["effects"]
     fresh = log_of(u, usual(name), seed=9)
     gap = report["fresh"]["gap"]
     for key, active in (("before", ()), ("after", recorded(report))):
-        _, off = sim.windows(fresh.x, u, DT, range(50, SHORT - 50), [1, 10, 50], active, integrator=sim.ARC)
+        _, off = bridge.windows(fresh.x, u, DT, range(50, SHORT - 50), [1, 10, 50], active, integrator=bridge.ARC)
         for H, expected in zip(("1", "10", "50"), np.sqrt((off[..., :2] ** 2).sum(-1).mean(0))):
             assert gap[key][H] == pytest.approx(expected, rel=0.03)
 
@@ -645,14 +645,14 @@ def test_fresh_log(name):
 @pytest.mark.parametrize("acts", [True, False], ids=["still there", "gone"])
 def test_effect_of_a_part_acts_on_a_fresh_log_all_along_or_not_at_all(acts):
     """The fresh log is shorter than the log was when the effect set in."""
-    late = sim.Effect("yaw_gain", sim.usual_effect("yaw_gain").parameters, 31.0)
+    late = bridge.Effect("yaw_gain", bridge.usual_effect("yaw_gain").parameters, 31.0)
     there = usual("yaw_gain") if acts else []
     fresh = log_of(drive(500, 7), there, seed=3)
     report = diagnose(log_of(drive(LONG, 6), [late]), fresh=fresh).report
     (effect,) = report["fresh"]["effects"]
     assert (effect["name"], effect["acts"], effect["params"]) == ("yaw_gain", acts, report["effects"][0]["params"])
-    found = [sim.Effect("yaw_gain", tuple(effect["params"].values()))] if acts else []
-    _, off = sim.windows(fresh.x, fresh.u, DT, range(450), [50], found, integrator=sim.ARC)
+    found = [bridge.Effect("yaw_gain", tuple(effect["params"].values()))] if acts else []
+    _, off = bridge.windows(fresh.x, fresh.u, DT, range(450), [50], found, integrator=bridge.ARC)
     assert report["fresh"]["gap"]["after"]["50"] == pytest.approx(np.sqrt((off[..., :2] ** 2).sum(-1).mean()), rel=0.03)
     assert report["fresh"]["gap"]["after"]["50"] < 1.1 * report["fresh"]["gap"]["noise_floor"]["50"]
     said = " ".join(words.asides(report))
@@ -661,8 +661,8 @@ def test_effect_of_a_part_acts_on_a_fresh_log_all_along_or_not_at_all(acts):
 
 def test_battery_sags_as_fast_on_a_fresh_log_of_another_length():
     loss, rows = 0.2, 500
-    fresh = log_of(drive(rows, 7), [sim.Effect("battery_sag", (loss * (rows - 1) / (LONG - 1),))], seed=3)
-    report = diagnose(log_of(drive(LONG, 6), [sim.Effect("battery_sag", (loss,))]), fresh=fresh).report
+    fresh = log_of(drive(rows, 7), [bridge.Effect("battery_sag", (loss * (rows - 1) / (LONG - 1),))], seed=3)
+    report = diagnose(log_of(drive(LONG, 6), [bridge.Effect("battery_sag", (loss,))]), fresh=fresh).report
     assert effects_of(report)["battery_sag"]["params"]["loss_at_end"] == pytest.approx(loss, rel=0.02)
     assert report["fresh"]["effects"][0]["params"]["loss_at_end"] == pytest.approx(loss * (rows - 1) / (LONG - 1), rel=0.02)
     assert report["fresh"]["gap"]["closed_fraction"]["50"] > 0.9
@@ -708,7 +708,7 @@ def test_folds_do_not_jump_over_a_threshold():
     """A command held just above a dead band: a step that ends beyond it would throw that stretch away."""
     u = drive(LONG, 9)
     u[100:400:3, 1] = 0.2001
-    log = log_of(u, [sim.Effect("dead_band", (0.1, 0.2))])
+    log = log_of(u, [bridge.Effect("dead_band", (0.1, 0.2))])
     pieces = Pieces(Ddr(), log, ARC)
     pieces.set_noise(Noise(SP, ST))
     fitter = Fitter(pieces)
@@ -722,7 +722,7 @@ def test_folds_do_not_jump_over_a_threshold():
 def test_noise_floor_is_what_the_noise_leaves():
     """Against predictions with the true effect."""
     log = log_of(drive(), usual("speed_gain"))
-    _, off = sim.windows(log.x, log.u, DT, range(50, SHORT - 50), [1, 10, 50], usual("speed_gain"), integrator=sim.ARC)
+    _, off = bridge.windows(log.x, log.u, DT, range(50, SHORT - 50), [1, 10, 50], usual("speed_gain"), integrator=bridge.ARC)
     floor = single("speed_gain").report["gap"]["noise_floor"]
     for H, expected in zip(("1", "10", "50"), np.sqrt((off[..., :2] ** 2).sum(-1).mean(0))):
         assert floor[H] == pytest.approx(expected, rel=0.08)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop import cli
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.diagnose.robots import new
 
 DT, ROWS = 0.05, 300
@@ -23,7 +23,7 @@ def drive(rows=ROWS, seed=0):
 
 
 def poses(u, names=(), dt=DT, noise=0.004, seed=0):
-    x = sim.simulate(u[:-1], dt, (0.3, -0.2, 2.0), [sim.usual_effect(name) for name in names], sim.ARC)
+    x = bridge.simulate(u[:-1], dt, (0.3, -0.2, 2.0), [bridge.usual_effect(name) for name in names], bridge.ARC)
     return x + noise * np.random.default_rng(seed).standard_normal(x.shape)
 
 
@@ -57,7 +57,7 @@ def valid(path):
     report = json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} in {path.name}"))
     assert report["verdict"] in ("known", "none", "unknown")
     assert len(report["ranking"]) >= len(report["effects"]) and (report["verdict"] != "none" or not report["effects"])
-    table = sim.effects()
+    table = bridge.effects()
     for effect in report["effects"]:
         assert 0 <= effect["confidence"] <= 1 and effect["segments"]
         for name, _, low, high, _ in table[effect["name"]][1]:
@@ -151,15 +151,15 @@ def test_folder_that_cannot_be_written(tinykoop, tmp_path):
 
 def logs_of_every_robot(folder):
     """{arguments of `tinykoop diagnose`: effects that can be taken out}."""
-    log = sim.fwmav("pitch", 7, 1)[0]
-    sim.write_log(folder / "flight.csv", log.x, log.u, log.dt, "fwmav")
+    log = bridge.fwmav("pitch", 7, 1)[0]
+    bridge.write_log(folder / "flight.csv", log.x, log.u, log.dt, "fwmav")
     drove = write(folder / "drive.csv", poses(drive()), drive())
     (folder / "own.csv").write_text(drove.read_text().replace("t,px,py,theta,v,omega", "t,x,y,yaw,v_cmd,w_cmd"))
     (folder / "own.toml").write_text(new.TOML.format(name="own"))
     (folder / "own.py").write_text(new.PYTHON.format(name="own"))
     return {
-        (drove,): set(sim.effects()) - {"measurement_noise"},
-        (folder / "flight.csv",): set(sim.effects("fwmav")),
+        (drove,): set(bridge.effects()) - {"measurement_noise"},
+        (folder / "flight.csv",): set(bridge.effects("fwmav")),
         (folder / "own.csv", "--robot", folder / "own.toml"): {"lag:speed", "delay:all", "clock", "sensor_bias:px", "drift:yaw"},
     }
 
@@ -180,9 +180,9 @@ def test_unknown_platform(option, name, tinykoop, tmp_path):
 
 
 def test_columns_tell_the_platform_unless_it_is_given(tinykoop, tmp_path):
-    log, imu = sim.fwmav("pitch", 2, 1)[0], np.zeros(ROWS)
+    log, imu = bridge.fwmav("pitch", 2, 1)[0], np.zeros(ROWS)
     flight = tmp_path / "flight.csv"
-    sim.write_log(flight, log.x, log.u, log.dt, "fwmav")
+    bridge.write_log(flight, log.x, log.u, log.dt, "fwmav")
     refused(tinykoop(flight), "flight.csv", "record 6 s at least")
     for option in ("--platform", "--robot"):
         refused(tinykoop(flight, option, "ddr"), "flight.csv", "'px'", "ddr")
@@ -192,7 +192,7 @@ def test_columns_tell_the_platform_unless_it_is_given(tinykoop, tmp_path):
 
 def test_everything_taken_out(tinykoop, tmp_path):
     """A healthy robot still is one; the gap of another is unknown."""
-    everything = [word for name in sim.effects() if name != "measurement_noise" for word in ("--without", name)]
+    everything = [word for name in bridge.effects() if name != "measurement_noise" for word in ("--without", name)]
     for names, verdict in (((), "none"), (("speed_gain",), "unknown")):
         log = write(tmp_path / "log.csv", poses(drive(), names), drive())
         assert tinykoop(log, *everything)[2]["verdict"] == verdict
@@ -368,7 +368,7 @@ def test_pose_that_freezes(tinykoop, tmp_path):
 def strange(rng):
     """Poses, commands, and optional columns of a small log, put together at random."""
     rows = int(rng.integers(62, 130))
-    names = list(rng.choice([n for n in sim.effects() if n != "measurement_noise"], rng.integers(0, 3), replace=False))
+    names = list(rng.choice([n for n in bridge.effects() if n != "measurement_noise"], rng.integers(0, 3), replace=False))
     u, dt = drive(rows, int(rng.integers(1e6))), float(rng.choice([0.002, 0.02, 0.05, 0.5]))
     x = poses(u, names, dt, float(rng.choice([0, 1e-9, 1e-3, 0.01, 1.0])), int(rng.integers(1e6)))
     columns = {}

@@ -8,7 +8,8 @@ import time
 
 import numpy as np
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
+from tinykoop.plumbing.errors import UserError
 
 # contract, section 5; the seed is an addition
 VOCABULARY = {
@@ -38,12 +39,12 @@ ORDER = (
     "sensor_lever_arm", "heading_bias", "measurement_noise",
 )  # fmt: skip
 KNOWN = ORDER[:-1]  # noise has no formula, it has statistics
-INTEGRATORS = (sim.EULER, sim.MIDPOINT, sim.ARC, sim.SEMI_IMPLICIT)
+INTEGRATORS = (bridge.EULER, bridge.MIDPOINT, bridge.ARC, bridge.SEMI_IMPLICIT)
 DT = 0.05  # s
 
 
 def usual(*names):
-    return [sim.usual_effect(name) for name in names]
+    return [bridge.usual_effect(name) for name in names]
 
 
 def commands(steps=400, seed=0):
@@ -171,10 +172,10 @@ def moved(pose, velocity, dt, integrator):
     z, heading = pose
     forward, left, turn, wx, wy = velocity
     flat = complex(forward, left)
-    if integrator == sim.ARC and abs(turn) > 1e-9:
+    if integrator == bridge.ARC and abs(turn) > 1e-9:
         way = flat / (1j * turn) * (np.exp(1j * turn * dt) - 1)
     else:
-        ahead = {sim.EULER: 0, sim.SEMI_IMPLICIT: 1}.get(integrator, 0.5)
+        ahead = {bridge.EULER: 0, bridge.SEMI_IMPLICIT: 1}.get(integrator, 0.5)
         way = flat * dt * np.exp(1j * ahead * turn * dt)
     return z + way * np.exp(1j * heading) + complex(wx, wy) * dt, heading + turn * dt
 
@@ -194,7 +195,7 @@ def true(pose, t, active):
     return z - sum(arms) * np.exp(1j * heading), heading
 
 
-def drive(u, active=(), x0=(0.0, 0.0, 0.0), integrator=sim.EULER):
+def drive(u, active=(), x0=(0.0, 0.0, 0.0), integrator=bridge.EULER):
     """Measured poses (K+1, 3)."""
     pose, rows = (complex(*x0[:2]), x0[2]), []
     for k, (velocity, dt) in enumerate(zip(*velocities(u, active, len(u) * DT))):
@@ -222,7 +223,7 @@ def window(x, u, start, steps, active, usable, integrator):
 
 
 def test_vocabulary_is_the_contracts():
-    table = sim.effects()
+    table = bridge.effects()
     assert tuple(table) == ORDER
     assert {name: {row[0]: row[1] for row in rows} for name, (_, rows) in table.items()} == VOCABULARY
     for _, rows in table.values():
@@ -236,12 +237,12 @@ def test_vocabulary_is_the_contracts():
 @pytest.mark.parametrize("names", [(name,) for name in ORDER] + [ORDER])
 def test_all_zero_changes_no_bit(names, integrator):
     u = commands()
-    zeros = [sim.Effect(name, (0.0,) * len(VOCABULARY[name])) for name in names]
-    nominal = sim.simulate(u, DT, (1, 2, 3), integrator=integrator)
-    assert np.array_equal(sim.simulate(u, DT, (1, 2, 3), zeros, integrator), nominal)
+    zeros = [bridge.Effect(name, (0.0,) * len(VOCABULARY[name])) for name in names]
+    nominal = bridge.simulate(u, DT, (1, 2, 3), integrator=integrator)
+    assert np.array_equal(bridge.simulate(u, DT, (1, 2, 3), zeros, integrator), nominal)
     zeros = [effect for effect in zeros if effect.name != "measurement_noise"]
     pairs = [
-        sim.windows(nominal, u, DT, range(0, 380), (1, 20), active, integrator=integrator) for active in ((), zeros)
+        bridge.windows(nominal, u, DT, range(0, 380), (1, 20), active, integrator=integrator) for active in ((), zeros)
     ]
     assert np.array_equal(*pairs)
 
@@ -252,10 +253,10 @@ def test_effect_is_its_formula(names, integrator):
     """Each, none and all, over the whole drive and in a part of it; each really acts."""
     u, x0 = commands(), (0.3, -0.2, 2.0)
     for t0, t1 in ((0, np.inf), (5.0, 12.5)):
-        active = [sim.usual_effect(name, t0, t1) for name in names]
-        ours = sim.simulate(u, DT, x0, active, integrator)
+        active = [bridge.usual_effect(name, t0, t1) for name in names]
+        ours = bridge.simulate(u, DT, x0, active, integrator)
         assert np.max(np.abs(ours - drive(u, active, x0, integrator))) < 1e-11
-        nominal = sim.simulate(u, DT, x0, integrator=integrator)
+        nominal = bridge.simulate(u, DT, x0, integrator=integrator)
         assert not names or np.max(np.abs(ours - nominal)) > 1e-3
         assert np.array_equal(ours[: round(t0 / DT)], nominal[: round(t0 / DT)])
 
@@ -263,9 +264,9 @@ def test_effect_is_its_formula(names, integrator):
 @pytest.mark.parametrize("delay", [0.01, 0.05, 0.1, 0.15, 0.1234, 2.0])
 @pytest.mark.parametrize("tau", [1e-6, 0.02, 1.0])
 def test_delay_and_lag_of_any_size(delay, tau):
-    active = [sim.Effect("transport_delay", (delay,)), sim.Effect("actuator_lag", (tau,))]
+    active = [bridge.Effect("transport_delay", (delay,)), bridge.Effect("actuator_lag", (tau,))]
     u = commands()
-    assert np.max(np.abs(sim.simulate(u, DT, active=active) - drive(u, active))) < 1e-11
+    assert np.max(np.abs(bridge.simulate(u, DT, active=active) - drive(u, active))) < 1e-11
 
 
 @pytest.mark.parametrize("name", ["actuator_lag", "transport_delay", "backlash", "dead_band", "saturation"])
@@ -273,40 +274,40 @@ def test_effect_goes_to_nominal_with_its_parameters(name):
     """No jump at zero, so that a fit can switch an effect off; saturation, off at zero, does so from above."""
     u = commands()
     size = 9.0 if name == "saturation" else 1e-7
-    tiny = sim.Effect(name, (size,) * len(VOCABULARY[name]))
-    assert np.max(np.abs(sim.simulate(u, DT, active=[tiny]) - sim.simulate(u, DT))) < 1e-4
+    tiny = bridge.Effect(name, (size,) * len(VOCABULARY[name]))
+    assert np.max(np.abs(bridge.simulate(u, DT, active=[tiny]) - bridge.simulate(u, DT))) < 1e-4
 
 
 def test_order_given_by_the_caller_does_not_matter():
     u, active = commands(), usual(*ORDER)
-    expected = sim.simulate(u, DT, active=active)
+    expected = bridge.simulate(u, DT, active=active)
     log = (expected, u, DT, range(0, 350, 7), (1, 50))
-    windows = sim.windows(*log, active[:-1])
+    windows = bridge.windows(*log, active[:-1])
     for seed in range(5):
         mixed = np.random.default_rng(seed).permutation(len(ORDER))
-        assert np.array_equal(sim.simulate(u, DT, active=[active[i] for i in mixed]), expected)
+        assert np.array_equal(bridge.simulate(u, DT, active=[active[i] for i in mixed]), expected)
         known = [active[i] for i in mixed if ORDER[i] in KNOWN]
-        assert np.array_equal(sim.windows(*log, known), windows)
+        assert np.array_equal(bridge.windows(*log, known), windows)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_clock_scale_is_both_gains(integrator):
     """The exact alias, behind a lag and a delay too."""
     u, before = commands(), usual("transport_delay", "actuator_lag", "backlash")
-    clock = before + [sim.Effect("clock_scale", (0.07,))]
-    gains = before + [sim.Effect("speed_gain", (0.07,)), sim.Effect("yaw_gain", (0.07,))]
-    x = sim.simulate(u, DT, active=clock, integrator=integrator)
-    assert np.max(np.abs(x - sim.simulate(u, DT, active=gains, integrator=integrator))) < 1e-12
-    residuals = [sim.windows(x, u, DT, range(300), (50,), a, integrator=integrator)[1] for a in (clock, gains)]
+    clock = before + [bridge.Effect("clock_scale", (0.07,))]
+    gains = before + [bridge.Effect("speed_gain", (0.07,)), bridge.Effect("yaw_gain", (0.07,))]
+    x = bridge.simulate(u, DT, active=clock, integrator=integrator)
+    assert np.max(np.abs(x - bridge.simulate(u, DT, active=gains, integrator=integrator))) < 1e-12
+    residuals = [bridge.windows(x, u, DT, range(300), (50,), a, integrator=integrator)[1] for a in (clock, gains)]
     assert np.max(np.abs(residuals)) < 1e-12
 
 
 def test_noise_is_what_it_says_and_repeats():
     u = np.zeros((20000, 2))
-    noise = sim.Effect("measurement_noise", (0.01, 0.002, 5))
-    x = sim.simulate(u, DT, active=[noise])
-    assert np.array_equal(x, sim.simulate(u, DT, active=[noise]))
-    other = sim.simulate(u, DT, active=[sim.Effect("measurement_noise", (0.01, 0.002, 6))])
+    noise = bridge.Effect("measurement_noise", (0.01, 0.002, 5))
+    x = bridge.simulate(u, DT, active=[noise])
+    assert np.array_equal(x, bridge.simulate(u, DT, active=[noise]))
+    other = bridge.simulate(u, DT, active=[bridge.Effect("measurement_noise", (0.01, 0.002, 6))])
     z = np.concatenate([x, other], axis=1) / np.tile([0.01, 0.01, 0.002], 2)
     five_sigma = 5 / np.sqrt(len(z))
     assert np.all(np.abs(z.mean(axis=0)) < five_sigma)
@@ -317,16 +318,16 @@ def test_noise_is_what_it_says_and_repeats():
 
 
 def test_sag_in_a_closed_loop_ends_with_the_drive():
-    steps, mpc = 40, sim.Mpc(horizon=5)
-    path = sim.simulate(np.tile([1.5, 0.2], (steps + 6, 1)), DT)
+    steps, mpc = 40, bridge.Mpc(horizon=5)
+    path = bridge.simulate(np.tile([1.5, 0.2], (steps + 6, 1)), DT)
     seen = []
-    for active in (usual("battery_sag"), [sim.usual_effect("battery_sag", 0, steps * DT)]):
-        estimator = sim.Estimator("poly_ddr", "ef", 64)
+    for active in (usual("battery_sag"), [bridge.usual_effect("battery_sag", 0, steps * DT)]):
+        estimator = bridge.Estimator("poly_ddr", "ef", 64)
         trace = estimator.control(mpc, path, DT, steps, path[0], active, solver=lambda *_: (1.0, 0.1))
-        assert np.allclose(trace["x"], sim.simulate(trace["u"], DT, active=active), rtol=0, atol=1e-12)
+        assert np.allclose(trace["x"], bridge.simulate(trace["u"], DT, active=active), rtol=0, atol=1e-12)
         seen.append(trace["x"])
     assert np.array_equal(*seen)
-    assert np.linalg.norm(seen[0][-1] - sim.simulate(np.tile([1.0, 0.1], (steps, 1)), DT)[-1]) > 0.01
+    assert np.linalg.norm(seen[0][-1] - bridge.simulate(np.tile([1.0, 0.1], (steps, 1)), DT)[-1]) > 0.01
 
 
 # ---- windows -----------------------------------------------------------------------------------
@@ -336,7 +337,7 @@ def test_sag_in_a_closed_loop_ends_with_the_drive():
 def log():
     """A noisy log of a robot with effects of its own, heading wrapped, with masked rows and gaps."""
     u = commands()
-    x = sim.simulate(u, DT, (1, -2, 3), usual("speed_gain", "actuator_lag", "measurement_noise"), sim.ARC)
+    x = bridge.simulate(u, DT, (1, -2, 3), usual("speed_gain", "actuator_lag", "measurement_noise"), bridge.ARC)
     x[:, 2] = np.angle(np.exp(1j * x[:, 2]))
     masked = np.zeros(len(x), bool)
     masked[[60, 61, 200]] = True
@@ -351,8 +352,8 @@ def log():
 def test_windows_are_simulations_of_their_own(log, names, integrator):
     x, u, usable = log
     starts, steps = [0, 3, 59, 60, 62, 100, 125, 132, 150, 199, 201, 239, 240, 241, 349, 350], (1, 10, 50)
-    active = [sim.usual_effect(name, t0, t1) for name in names for t0, t1 in ((0, 9.0), (12.0, np.inf))]
-    predicted, residual = sim.windows(x, u, DT, starts, steps, active, usable, integrator)
+    active = [bridge.usual_effect(name, t0, t1) for name in names for t0, t1 in ((0, 9.0), (12.0, np.inf))]
+    predicted, residual = bridge.windows(x, u, DT, starts, steps, active, usable, integrator)
     expected = np.array([[window(x, u, s, h, active, usable, integrator) for h in steps] for s in starts])
     assert predicted.shape == residual.shape == (len(starts), len(steps), 3)
     assert np.array_equal(np.isnan(residual), np.isnan(expected[:, :, 1]))
@@ -365,24 +366,24 @@ def test_windows_are_simulations_of_their_own(log, names, integrator):
 def test_true_effects_leave_nothing_and_each_is_needed(integrator):
     """A log of all effects in segments: no residual with them, in any window; some without any one."""
     u = commands()
-    active = [sim.usual_effect(name, 0.5 * i, 15 + 0.5 * i) for i, name in enumerate(KNOWN)]
-    x = sim.simulate(u, DT, (5, -3, 1), active, integrator)
+    active = [bridge.usual_effect(name, 0.5 * i, 15 + 0.5 * i) for i, name in enumerate(KNOWN)]
+    x = bridge.simulate(u, DT, (5, -3, 1), active, integrator)
     x[:, 2] = np.angle(np.exp(1j * x[:, 2]))
     starts = range(350)
-    residual = sim.windows(x, u, DT, starts, (1, 10, 50), active, integrator=integrator)[1]
+    residual = bridge.windows(x, u, DT, starts, (1, 10, 50), active, integrator=integrator)[1]
     assert np.max(np.abs(residual)) < 1e-11
     for missing in active:
         others = [effect for effect in active if effect is not missing]
-        residual = sim.windows(x, u, DT, starts, (50,), others, integrator=integrator)[1]
+        residual = bridge.windows(x, u, DT, starts, (50,), others, integrator=integrator)[1]
         assert np.max(np.abs(residual)) > 1e-3, missing.name
     for other in set(INTEGRATORS) - {integrator}:
-        assert np.max(np.abs(sim.windows(x, u, DT, starts, (50,), active, integrator=other)[1])) > 1e-5
+        assert np.max(np.abs(bridge.windows(x, u, DT, starts, (50,), active, integrator=other)[1])) > 1e-5
 
 
 def test_residual_is_measured_less_predicted_in_the_body_frame():
     """A robot that stands at (1, 2) heading along y and is then seen 0.1 m further along y, turned past pi."""
     x = np.array([[1, 2, np.pi / 2], [1, 2.1, np.pi / 2 + 0.2 - 2 * np.pi]])
-    predicted, residual = sim.windows(x, np.zeros((1, 2)), DT, [0], [1])
+    predicted, residual = bridge.windows(x, np.zeros((1, 2)), DT, [0], [1])
     assert predicted[0, 0] == pytest.approx(x[0])
     assert residual[0, 0] == pytest.approx([0.1, 0, 0.2])
 
@@ -390,18 +391,18 @@ def test_residual_is_measured_less_predicted_in_the_body_frame():
 def test_last_command_is_not_used(log):
     x, u, usable = log
     more = np.concatenate([u, [[np.nan, np.nan]]])
-    pairs = [sim.windows(x, v, DT, range(0, 350, 5), (1, 50), (), usable) for v in (u, more)]
+    pairs = [bridge.windows(x, v, DT, range(0, 350, 5), (1, 50), (), usable) for v in (u, more)]
     assert np.array_equal(*pairs, equal_nan=True)
 
 
 def test_rollouts_asked_again_answer_as_new_ones(log):
     """Whatever was asked before, a refusal too."""
     x, u, usable = log
-    rollouts = sim.Rollouts(x, u, DT, range(0, 350, 5), (1, 50), usable)
+    rollouts = bridge.Rollouts(x, u, DT, range(0, 350, 5), (1, 50), usable)
     for names in (KNOWN, (), ("transport_delay",), ("pacejka_slip", "actuator_lag"), ()):
-        with pytest.raises(sim.UserError, match="cannot be undone"):
+        with pytest.raises(UserError, match="cannot be undone"):
             rollouts.predict(usual("measurement_noise"))
-        fresh = sim.windows(x, u, DT, range(0, 350, 5), (1, 50), usual(*names), usable)
+        fresh = bridge.windows(x, u, DT, range(0, 350, 5), (1, 50), usual(*names), usable)
         assert np.array_equal(rollouts.predict(usual(*names)), fresh, equal_nan=True), names
 
 
@@ -411,23 +412,23 @@ def test_rollouts_asked_again_answer_as_new_ones(log):
 @pytest.mark.parametrize(
     "effect, message",
     [
-        (sim.Effect("warp_drive", (1.0,)), "no effect named 'warp_drive'"),
-        (sim.Effect("actuator_lag", (-0.1,)), "actuator_lag: tau is -0.1, it must be between 0 and 3"),
-        (sim.Effect("transport_delay", (2.1,)), "transport_delay: delay is 2.1"),
-        (sim.Effect("speed_gain", (np.nan,)), "speed_gain: a is"),
-        (sim.Effect("yaw_gain", (np.inf,)), "yaw_gain: b is"),
-        (sim.Effect("yaw_gain", ()), "yaw_gain: 0 parameters are given, it takes 1"),
-        (sim.Effect("yaw_gain", (0.1,) * 7), "yaw_gain: 7 parameters are given"),
-        (sim.Effect("yaw_gain", (0.1,), np.nan), "yaw_gain: it acts from"),
-        (sim.Effect("yaw_gain", (0.1,), 0, np.nan), "yaw_gain: it acts from"),
+        (bridge.Effect("warp_drive", (1.0,)), "no effect named 'warp_drive'"),
+        (bridge.Effect("actuator_lag", (-0.1,)), "actuator_lag: tau is -0.1, it must be between 0 and 3"),
+        (bridge.Effect("transport_delay", (2.1,)), "transport_delay: delay is 2.1"),
+        (bridge.Effect("speed_gain", (np.nan,)), "speed_gain: a is"),
+        (bridge.Effect("yaw_gain", (np.inf,)), "yaw_gain: b is"),
+        (bridge.Effect("yaw_gain", ()), "yaw_gain: 0 parameters are given, it takes 1"),
+        (bridge.Effect("yaw_gain", (0.1,) * 7), "yaw_gain: 7 parameters are given"),
+        (bridge.Effect("yaw_gain", (0.1,), np.nan), "yaw_gain: it acts from"),
+        (bridge.Effect("yaw_gain", (0.1,), 0, np.nan), "yaw_gain: it acts from"),
     ],
 )
 def test_bad_effect_is_refused(effect, message):
     u = commands(50)
-    with pytest.raises(sim.UserError, match=message):
-        sim.simulate(u, DT, active=[effect])
-    with pytest.raises(sim.UserError, match=message):
-        sim.windows(np.zeros((51, 3)), u, DT, [0], [1], [effect])
+    with pytest.raises(UserError, match=message):
+        bridge.simulate(u, DT, active=[effect])
+    with pytest.raises(UserError, match=message):
+        bridge.windows(np.zeros((51, 3)), u, DT, [0], [1], [effect])
 
 
 @pytest.mark.parametrize(
@@ -455,9 +456,9 @@ def test_bad_effect_is_refused(effect, message):
 )
 def test_bad_window_is_refused(change, message):
     good = {"x": np.zeros((51, 3)), "u": commands(50), "dt": DT, "starts": [0], "steps": [1]}
-    sim.windows(**good)
-    with pytest.raises(sim.UserError, match=message):
-        sim.windows(**(good | change))
+    bridge.windows(**good)
+    with pytest.raises(UserError, match=message):
+        bridge.windows(**(good | change))
 
 
 # ---- cost ----------------------------------------------------------------------------------------
@@ -466,7 +467,7 @@ def test_bad_window_is_refused(change, message):
 def bench(rows=2000, horizon=20, stride=5, repeats=200):
     """Wall time of one windows() call through Python, microseconds: least and median."""
     u = commands(rows)
-    x = sim.simulate(u, DT, active=usual("measurement_noise"))[:rows]
+    x = bridge.simulate(u, DT, active=usual("measurement_noise"))[:rows]
     starts = np.arange(0, rows - horizon, stride)
     sets = {
         "nominal": (),
@@ -482,7 +483,7 @@ def bench(rows=2000, horizon=20, stride=5, repeats=200):
             active, took = usual(*members), []
             for _ in range(repeats):
                 start = time.perf_counter()
-                sim.windows(x, u, DT, starts, [horizon], active, integrator=integrator)
+                bridge.windows(x, u, DT, starts, [horizon], active, integrator=integrator)
                 took.append(1e6 * (time.perf_counter() - start))
             print(f"{label:9} {name:24} {min(took):6.0f} {np.median(took):6.0f} us")
 

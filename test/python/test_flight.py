@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.diagnose.flight import diagnosis, gap, vehicle
 from tinykoop.diagnose.flight.baseline import simulated
 from tinykoop.diagnose.flight.innovations import Innovations, LAGS, Whitener
 from tinykoop.plumbing.errors import UserError
 
-STILL = sim.Effect("vibration", (-1.0,))  # a body that does not shake
-NOISY = sim.fwmav("hover", 10, 1)[0]  # whose noise the observer's gain is made for
+STILL = bridge.Effect("vibration", (-1.0,))  # a body that does not shake
+NOISY = bridge.fwmav("hover", 10, 1)[0]  # whose noise the observer's gain is made for
 
 
 def still(manoeuvre, active=(), seconds=12, seed=3):
     """A flight without noise or shaking, of which an observer ought to miss nothing."""
-    return sim.fwmav(manoeuvre, seconds, seed, [STILL, *active], noise=0.0)[0]
+    return bridge.fwmav(manoeuvre, seconds, seed, [STILL, *active], noise=0.0)[0]
 
 
 def missed(log, active=(), **more):
@@ -41,7 +41,7 @@ EFFECTS = {
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_observer_with_an_effect_follows_a_vehicle_that_has_it(name):
-    effect = sim.Effect(name, EFFECTS[name])
+    effect = bridge.Effect(name, EFFECTS[name])
     log = still("yaw", [effect])
     with_it, without = (np.sqrt(np.nanmean(missed(log, active)[0][100:] ** 2, axis=0)) for active in ([effect], ()))
     # the flight is logged at 100 Hz and flown at 500 Hz: between rows u is not known
@@ -50,7 +50,7 @@ def test_observer_with_an_effect_follows_a_vehicle_that_has_it(name):
 
 
 def test_gust_is_told_when_it_sets_in():
-    gust = sim.Effect("gust", (0.5, -0.3), 6.0)
+    gust = bridge.Effect("gust", (0.5, -0.3), 6.0)
     log = still("hover", [gust])
     without, with_it = missed(log)[0], missed(log, [gust])[0]
     assert abs(np.nanargmax(np.abs(without[:, 3])) - 601) <= 1
@@ -58,7 +58,7 @@ def test_gust_is_told_when_it_sets_in():
 
 
 def test_first_step_ahead_is_the_next_prediction():
-    log = sim.fwmav("pitch", 5, 2)[0]
+    log = bridge.fwmav("pitch", 5, 2)[0]
     starts = np.arange(100, 400, 7)
     left, ahead = missed(log, starts=starts, steps=[1, 10])
     np.testing.assert_allclose(ahead[:, 0], left[starts + 1], atol=1e-12)
@@ -66,7 +66,7 @@ def test_first_step_ahead_is_the_next_prediction():
 
 
 def test_gap_in_the_log_begins_anew():
-    log = sim.fwmav("hover", 6, 2)[0]
+    log = bridge.fwmav("hover", 6, 2)[0]
     whole = missed(log)[0]
     log.usable[300] = False
     log.x[301, 6:9] += 0.3  # whatever happened there
@@ -115,7 +115,7 @@ def test_gain_is_that_of_the_riccati_recursion():
 @pytest.mark.parametrize("manoeuvre", ["hover", "pitch", "yaw"])
 def test_axis_of_the_command(manoeuvre):
     for seed in range(5):
-        assert vehicle.turns_yaw(sim.fwmav(manoeuvre, 8, 40 + seed)[0]) == (manoeuvre == "yaw")
+        assert vehicle.turns_yaw(bridge.fwmav(manoeuvre, 8, 40 + seed)[0]) == (manoeuvre == "yaw")
 
 
 # ---- noise --------------------------------------------------------------------------------------
@@ -136,7 +136,7 @@ def test_whitener_undoes_a_vector_autoregression():
 
 def test_sensor_bias_of_usual_size_counts_little():
     """The covariance with a bias taken in, against what it is by definition."""
-    log, healthy = sim.fwmav("hover", 5, 5)[0], simulated()
+    log, healthy = bridge.fwmav("hover", 5, 5)[0], simulated()
     pieces = Innovations(vehicle.Fwmav(), log, healthy.whitener)
     U, shrunk = pieces._own, pieces._shrunk
     s2 = 1 / (1 - shrunk) ** 2 - 1
@@ -150,7 +150,7 @@ def test_sensor_bias_of_usual_size_counts_little():
 
 
 def answer(manoeuvre, seed, *active, without=(), seconds=20):
-    return diagnosis.diagnose(sim.fwmav(manoeuvre, seconds, seed, list(active))[0], without=without).report
+    return diagnosis.diagnose(bridge.fwmav(manoeuvre, seconds, seed, list(active))[0], without=without).report
 
 
 def named(report):
@@ -164,7 +164,7 @@ def test_healthy_flight():
 
 
 def test_lag_is_found_or_its_look_alike():
-    report = answer("pitch", 502, sim.Effect("lag", (0.018,)))
+    report = answer("pitch", 502, bridge.Effect("lag", (0.018,)))
     (found,) = report["effects"]
     assert report["verdict"] == "known" and {found["name"], *report["ambiguous_with"].get(found["name"], ())} >= {"lag"}
     assert 0.008 < next(iter(found["params"].values())) < 0.025
@@ -173,7 +173,7 @@ def test_lag_is_found_or_its_look_alike():
 
 
 def test_trim_that_jumps():
-    report = answer("hover", 503, sim.Effect("trim_bias", (0.03, -0.03), 9.0))
+    report = answer("hover", 503, bridge.Effect("trim_bias", (0.03, -0.03), 9.0))
     found = named(report)["trim_bias"]
     assert abs(found["segments"][0][0] - 9.0) < 0.3 and abs(found["segments"][0][1] - 19.99) < 0.02
     assert abs(found["params"]["pitch"] - 0.03) < 0.01 and abs(found["params"]["yaw"] + 0.03) < 0.01
@@ -183,13 +183,13 @@ def test_trim_that_jumps():
 
 
 def test_vibration_is_measured():
-    report = answer("yaw", 504, sim.Effect("vibration", (0.5,)))
+    report = answer("yaw", 504, bridge.Effect("vibration", (0.5,)))
     (found,) = report["effects"]
     assert found["name"] == "vibration" and abs(found["params"]["a"] - 0.5) < 0.05
 
 
 def test_vibration_of_a_part_is_not_another_vehicle():
-    report = answer("hover", 506, sim.Effect("vibration", (0.8,), 8.0))
+    report = answer("hover", 506, bridge.Effect("vibration", (0.8,), 8.0))
     (found,) = report["effects"]
     assert report["verdict"] == "known" and not report["unexplained"]["another_vehicle"]
     assert found["name"] == "vibration" and abs(found["params"]["a"] - 0.8) < 0.1
@@ -197,7 +197,7 @@ def test_vibration_of_a_part_is_not_another_vehicle():
 
 
 def test_cause_out_of_the_library_is_not_known():
-    report = answer("hover", 505, sim.Effect("trim_bias", (0.04, 0.04)), without=["trim_bias"])
+    report = answer("hover", 505, bridge.Effect("trim_bias", (0.04, 0.04)), without=["trim_bias"])
     assert "trim_bias" not in named(report)
     assert report["verdict"] == "unknown" or report["effects"][0]["confidence"] < 0.9
 
@@ -217,7 +217,7 @@ def test_attitude_error_is_the_angle():
 
 
 def written(path, log):
-    sim.write_log(path, log.x, log.u, log.dt, "fwmav")
+    bridge.write_log(path, log.x, log.u, log.dt, "fwmav")
     return path
 
 
@@ -232,7 +232,7 @@ def written(path, log):
 def test_bad_flight_is_refused_with_one_line(tmp_path, change, says):
     x, u, dt = change(NOISY)
     path = tmp_path / "flight.csv"
-    sim.write_log(path, x, u, dt, "fwmav")
+    bridge.write_log(path, x, u, dt, "fwmav")
     with pytest.raises(UserError, match=says) as refused:
         diagnosis.load(path)
     assert str(path) in str(refused.value) and "\n" not in str(refused.value)

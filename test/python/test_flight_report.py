@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from test_report import Reader
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.diagnose.flight import diagnose, figures, page, vehicle, words
 from tinykoop.diagnose.words import phrase
 from tinykoop.plumbing import results
@@ -22,8 +22,8 @@ HOSTILE = "flights/<b onload='x'>&\".csv"
 @pytest.fixture(scope="module")
 def trim():
     """A flight whose servos are off from some time on, and a fresh one that has that all along."""
-    log = sim.fwmav("pitch", SECONDS, 21, [sim.Effect("trim_bias", TRIM, FROM)])[0]
-    fresh = sim.fwmav("pitch", 8, 22, [sim.Effect("trim_bias", TRIM)])[0]
+    log = bridge.fwmav("pitch", SECONDS, 21, [bridge.Effect("trim_bias", TRIM, FROM)])[0]
+    fresh = bridge.fwmav("pitch", 8, 22, [bridge.Effect("trim_bias", TRIM)])[0]
     result = diagnose(log, fresh)
     result.report = {"log_file": HOSTILE, "fresh_file": "flights/fresh.csv", **result.report}
     return result
@@ -96,7 +96,7 @@ def test_effect_that_sets_in_acts_on_a_fresh_flight_all_along(trim):
 
 
 def test_effect_that_set_in_is_left_out_of_a_healthy_fresh_flight():
-    report = diagnose(sim.fwmav("pitch", SECONDS, 21, [sim.Effect("trim_bias", TRIM, FROM)])[0], sim.fwmav("pitch", 8, 23)[0]).report
+    report = diagnose(bridge.fwmav("pitch", SECONDS, 21, [bridge.Effect("trim_bias", TRIM, FROM)])[0], bridge.fwmav("pitch", 8, 23)[0]).report
     assert [(e["name"], e["acts"]) for e in report["fresh"]["effects"]] == [("trim_bias", False)]
     assert report["fresh"]["gap"]["after"] == report["fresh"]["gap"]["before"]
 
@@ -154,7 +154,7 @@ def test_spectra_keep_the_power(trim):
 
 
 def test_every_effect_has_words():
-    known = sim.effects("fwmav")
+    known = bridge.effects("fwmav")
     assert set(words.PHRASES) == set(known)
     for name, (_, spec) in known.items():
         for factor in (1.0, -1.0, 0.0):
@@ -170,11 +170,11 @@ def test_every_effect_has_words():
 def test_words_turn_the_vehicle_as_the_simulator_does(name, params, spin, said):
     """Spin about x (left wing up), y (forward) and z (left) after a moment; a minus: the other way."""
     commands = np.tile([[17.0, 0.0, 0.0, 0.0]], (10, 1))
-    states = sim.fwmav_roll(sim.fwmav_hover(), commands, 0.01, [sim.Effect(name, params)])
-    still = sim.fwmav_roll(sim.fwmav_hover(), commands, 0.01)
-    turned = (states - still)[-1, sim.FWMAV_STATE["spin"]]
+    states = bridge.fwmav_roll(bridge.fwmav_hover(), commands, 0.01, [bridge.Effect(name, params)])
+    still = bridge.fwmav_roll(bridge.fwmav_hover(), commands, 0.01)
+    turned = (states - still)[-1, bridge.FWMAV_STATE["spin"]]
     assert np.argmax(np.abs(turned)) == abs(spin) and np.sign(turned[abs(spin)]) == (1 if spin >= 0 else -1)
-    names = [row[0] for row in sim.effects("fwmav")[name][1]]
+    names = [row[0] for row in bridge.effects("fwmav")[name][1]]
     assert said in phrase({"name": name, "params": dict(zip(names, params))}, words.PHRASES)
 
 

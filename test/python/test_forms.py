@@ -11,7 +11,7 @@ is lost: that is its floor.
 import numpy as np
 import pytest
 import reference
-from tinykoop.bridge import sim
+from tinykoop import bridge
 
 ROWS, N, D, LAM = 1000, 22, 24, 0.98
 FORMS = ("plain", "sqrt")
@@ -48,7 +48,7 @@ def least_squares(zeta, target, weight, ridge):
 @pytest.mark.parametrize("regulator", ["ef", "ct", "sift"])
 def test_long_run_recovers_theta(excitation, regulator, form, precision):
     zeta, exact, _, theta = excitation
-    estimator = sim.Estimator("rbf_ddr", regulator, precision, form=form)
+    estimator = bridge.Estimator("rbf_ddr", regulator, precision, form=form)
     result = estimator.soak(zeta, exact, 40)
     assert result == {
         "updates": 40 * ROWS, "refused": 0, "lost_positive_definite_at": None, "non_finite_at": None,
@@ -62,7 +62,7 @@ def test_long_run_recovers_theta(excitation, regulator, form, precision):
 def test_long_run_with_noise_is_weighted_least_squares(excitation, form, precision, theta_off, P_off):
     """Found after 30,000 updates: Theta 1.8e-7 and 2.9e-16; P 9e-7, 5e-16 plain and 6e-6, 9e-15 sqrt."""
     zeta, _, noisy, _ = excitation
-    estimator = sim.Estimator("rbf_ddr", "ef", precision, form=form, lam=LAM)
+    estimator = bridge.Estimator("rbf_ddr", "ef", precision, form=form, lam=LAM)
     estimator.soak(zeta, noisy, 30)
     lam = np.longdouble(DTYPE[precision](LAM))  # what the estimator was given
     age = np.arange(ROWS)[::-1]
@@ -76,7 +76,7 @@ def test_long_run_with_noise_is_weighted_least_squares(excitation, form, precisi
 def test_long_run_without_forgetting_is_ridge_regression(excitation, form, precision, theta_off):
     """P0 = 100 I is a ridge of 0.01. Found after 30,000 updates: 2.6e-6 and 4.4e-15."""
     zeta, _, noisy, _ = excitation
-    estimator = sim.Estimator("rbf_ddr", "none", precision, form=form)
+    estimator = bridge.Estimator("rbf_ddr", "none", precision, form=form)
     estimator.soak(zeta, noisy, 30)
     theta, _ = least_squares(zeta, noisy, np.full(ROWS, 30.0), 0.01)
     assert relative(estimator.theta, theta) < theta_off
@@ -89,13 +89,13 @@ def test_textbook_form_diverges(excitation, precision, lost_by, non_finite_by):
     Found: P not positive definite at 404 and 1,414, not finite at 4,563 and 36,331 updates.
     """
     zeta, exact, noisy, _ = excitation
-    estimator = sim.Estimator("rbf_ddr", "ef", precision, form="textbook")
+    estimator = bridge.Estimator("rbf_ddr", "ef", precision, form="textbook")
     result = estimator.soak(zeta, exact, non_finite_by // ROWS)
     assert result["lost_positive_definite_at"] < lost_by
     assert result["non_finite_at"] < non_finite_by
 
     # with noise the model is ruined before that, in float64 too
-    estimator = sim.Estimator("rbf_ddr", "ef", precision, form="textbook")
+    estimator = bridge.Estimator("rbf_ddr", "ef", precision, form="textbook")
     estimator.soak(zeta, noisy, 30)
     theta, _ = least_squares(zeta, noisy, np.longdouble(LAM) ** np.arange(ROWS)[::-1], 0)
     assert not relative(estimator.theta, theta) < 0.1
@@ -110,7 +110,7 @@ def test_refusal_keeps_vanilla_rbf_alive(form, precision):
     """
     u = reference.commands()
     x = reference.drive(u, *reference.phases())
-    traces = sim.Estimator("rbf_ddr", "ef", precision, form=form, check=sim.CHECK_REFUSE).replay(x, u)
+    traces = bridge.Estimator("rbf_ddr", "ef", precision, form=form, check=bridge.CHECK_REFUSE).replay(x, u)
     assert traces["positive_definite"].all()
     assert traces["error"].mean() < 1e-2
     assert set(traces["status"]) <= {0, -7}  # KOOP_E_INDEFINITE

@@ -15,9 +15,10 @@ from conftest import ROOT
 from scipy.integrate import solve_ivp
 from scipy.signal import welch
 from scipy.spatial.transform import Rotation
-from tinykoop.bridge import sim
+from tinykoop import bridge
+from tinykoop.plumbing.errors import UserError
 
-S = sim.FWMAV_STATE
+S = bridge.FWMAV_STATE
 # the order of action that effects.c documents, and the parameters' units
 VOCABULARY = {
     "delay": {"delay": "s"},
@@ -32,7 +33,7 @@ VOCABULARY = {
     "gyro_bias": {"bx": "rad/s", "by": "rad/s", "bz": "rad/s"},
 }
 MANOEUVRES = ("hover", "pitch", "yaw")
-STILL = sim.Effect("vibration", (-1.0,))
+STILL = bridge.Effect("vibration", (-1.0,))
 
 # docs/flapping-wing.md
 MASS, G, INERTIA, F0 = 0.026, 9.81, np.array([6.4e-5, 3.9e-5, 4.1e-5]), 17.0
@@ -58,7 +59,7 @@ _, Y, Z = np.eye(3)
 
 
 def usual(*names):
-    return [sim.usual_effect(name, platform="fwmav") for name in names]
+    return [bridge.usual_effect(name, platform="fwmav") for name in names]
 
 
 def euler(states):
@@ -188,7 +189,7 @@ class Pilot:
 def tumbling():
     """A state that hovers nowhere, and commands (200, 4) of 10 ms."""
     random = np.random.default_rng(0)
-    state = sim.fwmav_hover()
+    state = bridge.fwmav_hover()
     state[S["velocity"]], state[S["spin"]], state[S["phase"]] = (0.3, -0.2, 0.1), (1, -2, 3), 1.2
     commands = np.column_stack([random.uniform(15, 19, 20), random.uniform(-0.2, 0.2, (20, 3))])
     return state, np.repeat(commands, 10, axis=0)
@@ -199,33 +200,33 @@ def test_vehicle_is_its_equations():
     state, commands = tumbling()
     vehicle = Vehicle(state)
     theirs = np.array([vehicle.state()] + [vehicle.go(command, 0.01).state() for command in commands])
-    assert difference(sim.fwmav_roll(state, commands, 0.01), theirs) < 1e-5
+    assert difference(bridge.fwmav_roll(state, commands, 0.01), theirs) < 1e-5
     assert np.abs(theirs[:, S["spin"]]).max() > 10
 
 
 @pytest.mark.parametrize(
     "effect, air",
     [
-        (sim.Effect("damping", (0.4,)), {"damping": 1.4}),
-        (sim.Effect("vibration", (0.7,)), {"shaking": 1.7}),
-        (sim.Effect("asymmetry", (0.1,)), {"thrust": (1.1, 0.9)}),
-        (sim.Effect("gust", (0.7, -0.4)), {"wind": (0.7, -0.4)}),
+        (bridge.Effect("damping", (0.4,)), {"damping": 1.4}),
+        (bridge.Effect("vibration", (0.7,)), {"shaking": 1.7}),
+        (bridge.Effect("asymmetry", (0.1,)), {"thrust": (1.1, 0.9)}),
+        (bridge.Effect("gust", (0.7, -0.4)), {"wind": (0.7, -0.4)}),
     ],
 )
 def test_effect_of_the_air_is_its_formula(effect, air):
     state, commands = tumbling()
     vehicle, commands = Vehicle(state), commands[:30]
     theirs = np.array([vehicle.state()] + [vehicle.go(command, 0.01, **air).state() for command in commands])
-    ours = sim.fwmav_roll(state, commands, 0.01, [effect])
+    ours = bridge.fwmav_roll(state, commands, 0.01, [effect])
     assert difference(ours, theirs) < 1e-5
-    assert difference(ours, sim.fwmav_roll(state, commands, 0.01)) > 1e-2
+    assert difference(ours, bridge.fwmav_roll(state, commands, 0.01)) > 1e-2
 
 
 def test_controller_in_the_loop_is_its_equations():
     """2 s of a flight without chance, in wind and out of trim, sample by sample: measured, estimated, commanded, true."""
     wind, trim = (0.6, -0.4), (0.05, 0.03)
-    active = [sim.Effect("gust", wind), sim.Effect("trim_bias", trim)]
-    log, states = sim.fwmav("hover", 2, 5, active, noise=0)
+    active = [bridge.Effect("gust", wind), bridge.Effect("trim_bias", trim)]
+    log, states = bridge.fwmav("hover", 2, 5, active, noise=0)
     vehicle, pilot = Vehicle(states[0]), Pilot()
     for tick in range(1000):
         state = vehicle.state()
@@ -243,9 +244,9 @@ def test_controller_in_the_loop_is_its_equations():
 
 
 def test_a_body_without_wing_beat_keeps_momentum_and_energy():
-    state = sim.fwmav_hover()
+    state = bridge.fwmav_hover()
     state[S["beat"]], state[S["spin"]], state[S["velocity"]] = 0, (3, 5, -4), (1, 2, 3)
-    states = sim.fwmav_roll(state, np.zeros((1000, 4)), 0.01)
+    states = bridge.fwmav_roll(state, np.zeros((1000, 4)), 0.01)
     spin = states[:, S["spin"]]
     q = Rotation.from_quat(np.roll(states[:, S["attitude"]], -1, axis=1))
     momentum, energy = q.apply(INERTIA * spin), np.sum(INERTIA * spin**2, axis=1)
@@ -264,29 +265,29 @@ def held_beat(steps, dt, f=F0):
 
 
 def test_hover_is_an_equilibrium():
-    states = sim.fwmav_roll(sim.fwmav_hover(), held_beat(200, 0.01), 0.01, [STILL])
+    states = bridge.fwmav_roll(bridge.fwmav_hover(), held_beat(200, 0.01), 0.01, [STILL])
     states[:, S["phase"]] = 0
-    assert np.abs(states - sim.fwmav_hover()).max() < 1e-9
+    assert np.abs(states - bridge.fwmav_hover()).max() < 1e-9
 
 
 @pytest.mark.parametrize("f", [10.0, F0, 24.0])
 def test_damping_has_the_time_constant_of_the_linearised_vehicle(f):
     """Of yaw and of climbing; both go with the wing-beat frequency."""
     dt = 0.001
-    state = sim.fwmav_hover()
+    state = bridge.fwmav_hover()
     state[S["beat"]] = f
     for index, rate in ((12, 2 * f * DRAG[0] * ARM**2 / INERTIA[2]), (5, 2 * f * DRAG[2] / MASS)):
         moved = state.copy()
         moved[index] += 1e-3
-        pair = [sim.fwmav_roll(s, held_beat(100, dt, f), dt, [STILL])[:, index] for s in (moved, state)]
+        pair = [bridge.fwmav_roll(s, held_beat(100, dt, f), dt, [STILL])[:, index] for s in (moved, state)]
         assert np.allclose((pair[0] - pair[1]) / 1e-3, np.exp(-rate * dt * np.arange(101)), rtol=1e-4)
 
 
 def test_speed_pushes_the_nose_up():
     """Drag acts above the centre of mass: what makes such vehicles unstable without control."""
-    state = sim.fwmav_hover()
+    state = bridge.fwmav_hover()
     state[S["velocity"]] = 0.5, 0, 0
-    pitch_rate = sim.fwmav_roll(state, held_beat(1, 0.001), 0.001, [STILL])[-1, 11]
+    pitch_rate = bridge.fwmav_roll(state, held_beat(1, 0.001), 0.001, [STILL])[-1, 11]
     assert pitch_rate == pytest.approx(-2 * F0 * DRAG[0] * 0.5 * HEIGHT / INERTIA[1] * 0.001, rel=0.01)
 
 
@@ -295,7 +296,7 @@ def test_a_servo_turns_its_axis(command, axis, arm):
     """Positive dihedral tips forward, positive twist turns left, positive share rolls right; by thrust times arm."""
     commands = held_beat(10, 0.01)
     commands[:, command] = 0.01
-    states = sim.fwmav_roll(sim.fwmav_hover(), commands, 0.01, [STILL])
+    states = bridge.fwmav_roll(bridge.fwmav_hover(), commands, 0.01, [STILL])
     index = S[("dihedral", "twist", "share")[command - 1]]
     damping = [2 * F0 * (DRAG[2] * ARM**2 + DRAG[1] * HEIGHT**2), 2 * F0 * DRAG[0] * HEIGHT**2, 2 * F0 * DRAG[0] * ARM**2]
     rate, expected = 0.0, []
@@ -314,29 +315,29 @@ def test_a_servo_turns_its_axis(command, axis, arm):
 
 def test_a_seed_is_a_flight():
     for manoeuvre in MANOEUVRES:
-        (log, states), (again, same), (other, _) = [sim.fwmav(manoeuvre, 5, seed) for seed in (1, 1, 2)]
+        (log, states), (again, same), (other, _) = [bridge.fwmav(manoeuvre, 5, seed) for seed in (1, 1, 2)]
         assert np.array_equal(log.x, again.x) and np.array_equal(log.u, again.u) and np.array_equal(states, same)
         assert np.abs(np.corrcoef(log.x[:, 3], other.x[:, 3])[0, 1]) < 0.9
         assert np.std(log.x - other.x, axis=0).min() > 1e-3
-    assert np.array_equal(sim.fwmav("pitch", 2, 1)[0].x, sim.fwmav("pitch", 4, 1)[0].x[:200])
+    assert np.array_equal(bridge.fwmav("pitch", 2, 1)[0].x, bridge.fwmav("pitch", 4, 1)[0].x[:200])
 
 
 def test_the_manoeuvre_changes_with_the_seed():
-    flights = [euler(sim.fwmav(manoeuvre, 20, seed)[1]) for manoeuvre in MANOEUVRES for seed in (1, 2, 3)]
+    flights = [euler(bridge.fwmav(manoeuvre, 20, seed)[1]) for manoeuvre in MANOEUVRES for seed in (1, 2, 3)]
     pitch, yaw = np.array([f[:, 0] for f in flights]), np.unwrap([f[:, 2] for f in flights], axis=1)
     assert np.all(np.abs(pitch[3:6]).max(axis=1) > 0.12) and np.all(np.abs(pitch[:3]).max(axis=1) < 0.12)
     assert np.all(np.ptp(yaw[6:], axis=1) > 0.5) and np.all(np.ptp(yaw[:6], axis=1) < 0.4)
     for rows in (pitch[3:6], yaw[6:]):
         assert all(np.std(a - b) > 0.05 for a, b in combinations(rows, 2))
-    climbed = [sim.fwmav(manoeuvre, 20, 1)[1][-1, 2] for manoeuvre in MANOEUVRES]
+    climbed = [bridge.fwmav(manoeuvre, 20, 1)[1][-1, 2] for manoeuvre in MANOEUVRES]
     assert climbed[1] > 3 and abs(climbed[0]) < 0.5 and abs(climbed[2]) < 0.5
 
 
 def test_the_command_answers_the_attitude():
-    log, _ = sim.fwmav("hover", 40, 1)
+    log, _ = bridge.fwmav("hover", 40, 1)
     assert np.corrcoef(log.u[:, 0], log.x[:, 6])[0, 1] < -0.2
     assert 0.002 < log.u.std() < 0.1
-    log, _ = sim.fwmav("yaw", 40, 1)
+    log, _ = bridge.fwmav("yaw", 40, 1)
     speed = np.convolve(log.x[:, 9], np.ones(25) / 25, "same")
     lagged = [np.corrcoef(log.u[: -20 or None, 0], np.roll(speed, -k)[:-20])[0, 1] for k in range(20)]
     assert max(lagged) > 0.4
@@ -345,7 +346,7 @@ def test_the_command_answers_the_attitude():
 @pytest.mark.parametrize("manoeuvre", ["hover", "pitch"])
 def test_shaking_folds_down_to_where_it_must(manoeuvre):
     """Harmonics of the wing beat, at |f - k fs| in the spectrum of a 100-Hz log."""
-    log, states = sim.fwmav(manoeuvre, 40, 1, noise=0)
+    log, states = bridge.fwmav(manoeuvre, 40, 1, noise=0)
     beat = states[300:, S["beat"]].mean()
     frequency, power = welch(log.x[300:, 2], 100, nperseg=1000)
     for harmonic in (1, 2, 3):
@@ -359,7 +360,7 @@ def test_shaking_folds_down_to_where_it_must(manoeuvre):
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES)
 def test_the_estimate_stays_near_the_truth(manoeuvre):
     for seed in (1, 2, 3):
-        log, states = sim.fwmav(manoeuvre, 40, seed)
+        log, states = bridge.fwmav(manoeuvre, 40, seed)
         error = log.x[:, 6:9] - euler(states)
         assert np.abs(error[:, :2]).max() < 0.15
         # yaw is the gyro's integral: it drifts as its bias does
@@ -373,7 +374,7 @@ def test_a_gyro_bias_tilts_the_estimate_by_its_share_of_the_gain():
         bias = np.zeros(3)
         bias[axis] = 0.03
         (log, states), (still, _) = [
-            sim.fwmav("hover", 30, 1, [STILL, sim.Effect("gyro_bias", tuple(b))], noise=0) for b in (bias, 0 * bias)
+            bridge.fwmav("hover", 30, 1, [STILL, bridge.Effect("gyro_bias", tuple(b))], noise=0) for b in (bias, 0 * bias)
         ]
         error = log.x[1500:, 6:8] - euler(states)[1500:, :2]
         assert error[:, angle].mean() == pytest.approx(0.03 / 0.4, rel=0.1)
@@ -387,7 +388,7 @@ def test_forty_seconds_take_well_under_one():
     best = np.inf
     for _ in range(3):
         start = time.perf_counter()
-        sim.fwmav("pitch", 40, 1, usual(*VOCABULARY))
+        bridge.fwmav("pitch", 40, 1, usual(*VOCABULARY))
         best = min(best, time.perf_counter() - start)
     assert best < 0.5
 
@@ -396,44 +397,44 @@ def test_forty_seconds_take_well_under_one():
 
 
 def test_vocabulary():
-    table = sim.effects("fwmav")
+    table = bridge.effects("fwmav")
     assert {name: {row[0]: row[1] for row in rows} for name, (_, rows) in table.items()} == VOCABULARY
     assert tuple(table) == tuple(VOCABULARY)
     assert [block for block, _ in table.values()] == ["actuator"] * 4 + ["plant"] * 5 + ["sensor"]
     for _, rows in table.values():
         for _, _, low, high, value in rows:
             assert low <= 0 < high and low <= value <= high and value != 0
-    with pytest.raises(sim.UserError, match="no platform named 'boat'"):
-        sim.effects("boat")
+    with pytest.raises(UserError, match="no platform named 'boat'"):
+        bridge.effects("boat")
 
 
 @pytest.mark.parametrize("names", [(name,) for name in VOCABULARY] + [tuple(VOCABULARY)])
 def test_all_zero_changes_no_bit(names):
-    zeros = [sim.Effect(name, (0.0,) * len(VOCABULARY[name])) for name in names]
+    zeros = [bridge.Effect(name, (0.0,) * len(VOCABULARY[name])) for name in names]
     for manoeuvre in MANOEUVRES:
-        for nominal, ours in zip(sim.fwmav(manoeuvre, 4, 3), sim.fwmav(manoeuvre, 4, 3, zeros)):
+        for nominal, ours in zip(bridge.fwmav(manoeuvre, 4, 3), bridge.fwmav(manoeuvre, 4, 3, zeros)):
             nominal, ours = (getattr(part, "x", part) for part in (nominal, ours))
             assert np.array_equal(nominal, ours)
 
 
 @pytest.mark.parametrize("name", VOCABULARY)
 def test_effect_acts_in_its_time_and_can_be_flown(name):
-    nominal, states = sim.fwmav("pitch", 20, 4)
-    log, _ = sim.fwmav("pitch", 20, 4, [sim.usual_effect(name, 5.0, 8.0, "fwmav")])
+    nominal, states = bridge.fwmav("pitch", 20, 4)
+    log, _ = bridge.fwmav("pitch", 20, 4, [bridge.usual_effect(name, 5.0, 8.0, "fwmav")])
     assert np.array_equal(log.x[:500], nominal.x[:500]) and np.array_equal(log.u[:500], nominal.u[:500])
     gap = np.abs(log.x - nominal.x)[:, 6:9].max(axis=1)
     assert gap[500:800].max() > 1e-3
-    always, true = sim.fwmav("pitch", 20, 4, usual(name))
+    always, true = bridge.fwmav("pitch", 20, 4, usual(name))
     assert np.abs(euler(true)[:, :2]).max() < 0.6  # its controller copes
 
 
 @pytest.mark.parametrize("manoeuvre", MANOEUVRES)
 def test_order_given_by_the_caller_does_not_matter(manoeuvre):
-    active = usual(*VOCABULARY) + [sim.usual_effect("gust", 1.0, 2.0, "fwmav")]
-    expected = sim.fwmav(manoeuvre, 4, 1, active)[0].x
+    active = usual(*VOCABULARY) + [bridge.usual_effect("gust", 1.0, 2.0, "fwmav")]
+    expected = bridge.fwmav(manoeuvre, 4, 1, active)[0].x
     for seed in range(4):
         mixed = np.random.default_rng(seed).permutation(len(active))
-        assert np.array_equal(sim.fwmav(manoeuvre, 4, 1, [active[i] for i in mixed])[0].x, expected)
+        assert np.array_equal(bridge.fwmav(manoeuvre, 4, 1, [active[i] for i in mixed])[0].x, expected)
 
 
 @pytest.mark.parametrize("yaw", [False, True])
@@ -444,12 +445,12 @@ def test_effects_of_the_command_are_their_formulas(yaw):
     axis, dt = (2 if yaw else 1), 0.01
 
     def rolled(name, *parameters):
-        return sim.fwmav_roll(state, commands, dt, [sim.Effect(name, parameters)], yaw)
+        return bridge.fwmav_roll(state, commands, dt, [bridge.Effect(name, parameters)], yaw)
 
     def by_hand(column):
         changed = commands.copy()
         changed[:, axis] = column
-        return sim.fwmav_roll(state, changed, dt)
+        return bridge.fwmav_roll(state, changed, dt)
 
     u = commands[:, axis]
     assert difference(rolled("gain", -0.3), by_hand(0.7 * u)) < 1e-9
@@ -458,12 +459,12 @@ def test_effects_of_the_command_are_their_formulas(yaw):
     n, tau = np.arange(200), 0.03
     response = 1 - tau / dt * np.exp(-n * dt / tau) * (1 - np.exp(-dt / tau))
     assert difference(rolled("lag", tau), by_hand(u[0] + np.convolve(np.diff(u, prepend=u[0]), response)[:200])) < 1e-8
-    trimmed = sim.fwmav_roll(state, commands + [0, 0.04, -0.02, 0], dt)
+    trimmed = bridge.fwmav_roll(state, commands + [0, 0.04, -0.02, 0], dt)
     assert difference(rolled("trim_bias", 0.04, -0.02), trimmed) < 1e-9
-    part = [sim.Effect("trim_bias", (0.04, -0.02), 0.5, 1.0)]
+    part = [bridge.Effect("trim_bias", (0.04, -0.02), 0.5, 1.0)]
     now = ((np.arange(200) >= 50) & (np.arange(200) < 100))[:, None]
-    trimmed = sim.fwmav_roll(state, commands + now * [0, 0.04, -0.02, 0], dt)
-    assert difference(sim.fwmav_roll(state, commands, dt, part, yaw), trimmed) < 1e-9
+    trimmed = bridge.fwmav_roll(state, commands + now * [0, 0.04, -0.02, 0], dt)
+    assert difference(bridge.fwmav_roll(state, commands, dt, part, yaw), trimmed) < 1e-9
     assert difference(by_hand(u), by_hand(0.7 * u)) > 0.01
 
 
@@ -471,7 +472,7 @@ def test_sag_lowers_the_beat_and_with_its_square_the_thrust():
     """The command held, the voltage falls linearly: by DISCHARGE, and by the share at the end."""
     steps, dt, loss = 1000, 0.01, 0.1
     commands = np.tile([F0, 0, 0, 0], (steps, 1))
-    states = sim.fwmav_roll(sim.fwmav_hover(), commands, dt, [STILL, sim.Effect("battery_sag", (loss,))])
+    states = bridge.fwmav_roll(bridge.fwmav_hover(), commands, dt, [STILL, bridge.Effect("battery_sag", (loss,))])
     t = np.arange(steps + 1) * dt - MOTOR  # a ramp passes the motor's lag late by its time constant
     expected = F0 * (1 - DISCHARGE * t) * (1 - loss * t / (steps * dt))
     assert np.abs(states[100:, S["beat"]] - expected[100:]).max() < 0.005 * F0
@@ -480,7 +481,7 @@ def test_sag_lowers_the_beat_and_with_its_square_the_thrust():
     assert np.allclose(thrust[100:-1] / G, (states[100:-1, 13] / F0) ** 2, rtol=1e-3)
     # in flight the height hold asks for more, and gets it at the price of height
     sets = ([STILL], [STILL, *usual("battery_sag")])
-    heights = [sim.fwmav("hover", 30, 1, active, noise=0)[1][-1, 2] for active in sets]
+    heights = [bridge.fwmav("hover", 30, 1, active, noise=0)[1][-1, 2] for active in sets]
     voltage = 1 - DISCHARGE * 30
     for height, left in zip(heights, (voltage, voltage * (1 - usual("battery_sag")[0].parameters[0]))):
         assert height == pytest.approx(-(left**-2 - 1) / 0.4, rel=0.05)
@@ -494,14 +495,14 @@ def test_sag_lowers_the_beat_and_with_its_square_the_thrust():
         (("hover", float("nan"), 1), "cannot be flown"),
         (("hover", 4, -1), "seed is -1"),
         (("hover", 4, 1, (), -1), "noise is -1"),
-        (("hover", 4, 1, [sim.Effect("gain", (9.0,))]), "a is 9, it must be between"),
-        (("hover", 4, 1, [sim.Effect("gain", ())]), "0 parameters are given, it takes 1"),
-        (("hover", 4, 1, [sim.Effect("speed_gain", (0.1,))]), "no effect named 'speed_gain'"),
+        (("hover", 4, 1, [bridge.Effect("gain", (9.0,))]), "a is 9, it must be between"),
+        (("hover", 4, 1, [bridge.Effect("gain", ())]), "0 parameters are given, it takes 1"),
+        (("hover", 4, 1, [bridge.Effect("speed_gain", (0.1,))]), "no effect named 'speed_gain'"),
     ],
 )
 def test_bad_flight_is_refused(arguments, message):
-    with pytest.raises(sim.UserError, match=message):
-        sim.fwmav(*arguments)
+    with pytest.raises(UserError, match=message):
+        bridge.fwmav(*arguments)
 
 
 # ---- the command -------------------------------------------------------------------------------
@@ -515,9 +516,9 @@ def fly(folder, *arguments):
 def test_fly_writes_what_was_flown(tmp_path):
     done = fly(tmp_path, "yaw", "--seconds", "3", "--seed", "7", "--effect", "gust=0.5,0.1@1,2", "--effect", "lag", "a/b.csv")
     assert done.returncode == 0, done.stderr
-    log = sim.read_log(tmp_path / "a/b.csv", "fwmav")
-    active = [sim.Effect("gust", (0.5, 0.1), 1, 2), *usual("lag")]
-    flown, _ = sim.fwmav("yaw", 3, 7, active)
+    log = bridge.read_log(tmp_path / "a/b.csv", "fwmav")
+    active = [bridge.Effect("gust", (0.5, 0.1), 1, 2), *usual("lag")]
+    flown, _ = bridge.fwmav("yaw", 3, 7, active)
     assert np.array_equal(log.x, flown.x) and np.array_equal(log.u, flown.u) and np.allclose(log.t, flown.t)
     assert log.usable.all() and log.dt == pytest.approx(0.01)
 
@@ -548,8 +549,8 @@ def test_statistics_are_of_the_size_of_a_real_vehicles():
     folder = ROOT.parent / "shared/data/flapper"
     if not folder.is_dir():
         pytest.skip("the real flights are not there (../shared/data/flapper)")
-    real = sim.read_log(folder / "hover_no_wind.csv", "fwmav")
-    ours, _ = sim.fwmav("hover", 40, 1)
+    real = bridge.read_log(folder / "hover_no_wind.csv", "fwmav")
+    ours, _ = bridge.fwmav("hover", 40, 1)
     ratio = np.append(np.std(ours.x, axis=0), ours.u.std()) / np.append(np.std(real.x, axis=0), real.u.std())
     yaw = 8  # the real one's wraps
     assert np.all(np.abs(np.log2(np.delete(ratio, yaw))) < 1), ratio

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.experiments import control, guard, scenario
 from tinykoop.plumbing.errors import UserError
 
@@ -18,7 +18,7 @@ def test_no_run_is_lost(number):
     assert np.all(np.isfinite(trace["u"]))
     assert np.all((trace["u"] >= np.float32(guard.MPC.u_min)) & (trace["u"] <= np.float32(guard.MPC.u_max)))
     assert trace["error"].mean() < guard.LOST
-    assert np.mean(trace["model"] == sim.MODELS.index("online")) > 0.1
+    assert np.mean(trace["model"] == bridge.MODELS.index("online")) > 0.1
 
 
 @pytest.mark.parametrize("method", guard.WORKS)
@@ -32,7 +32,7 @@ def test_ruined_learner_is_used_again(precision):
     """Vanilla RBF after the one-step run: lost without the guard, and learning again with it."""
     path = control.reference_path()
     error = {}
-    for name, guarded in (("guarded", sim.Guard(guard.theta_of_many_drives("rbf"))), ("unguarded", None)):
+    for name, guarded in (("guarded", bridge.Guard(guard.theta_of_many_drives("rbf"))), ("unguarded", None)):
         estimator = guard.start("rbf", "ef", precision, "plain", "carried over")
         trace = estimator.control(
             guard.MPC, path, scenario.DT, 600, path[0], scenario.effects(control.EDGES), guard=guarded
@@ -40,7 +40,7 @@ def test_ruined_learner_is_used_again(precision):
         error[name] = np.linalg.norm(trace["x"][1:] - path[1:601], axis=1).mean()
         if guarded:
             assert trace["resets"][-1] >= 1
-            assert np.any(trace["model"] == sim.MODELS.index("online"))
+            assert np.any(trace["model"] == bridge.MODELS.index("online"))
     assert error["guarded"] < guard.LOST < error["unguarded"]
 
 
@@ -61,11 +61,11 @@ def test_draws_repeat_and_differ():
 
 
 def test_bad_offline_model_is_refused():
-    estimator = sim.Estimator("poly_ddr", "sift", 64)
+    estimator = bridge.Estimator("poly_ddr", "sift", 64)
     run = guard.draw(0, 1)
 
     def attempt(theta, **rest):
-        estimator.control(guard.MPC, run["reference"], scenario.DT, 10, run["x0"], guard=sim.Guard(theta), **rest)
+        estimator.control(guard.MPC, run["reference"], scenario.DT, 10, run["x0"], guard=bridge.Guard(theta), **rest)
 
     with pytest.raises(ValueError, match="shape"):
         attempt(np.zeros((3, 3)))

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.experiments import scenario
 from tinykoop.plumbing import results
 from tinykoop.plumbing.errors import UserError
@@ -49,16 +49,16 @@ def parts(folder):
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "drive.csv"
     u = scenario.commands(400)
-    x = sim.simulate(u, 0.05, active=[sim.usual_effect("pacejka_slip")])
-    sim.write_log(path, x[:-1], u, 0.05)
+    x = bridge.simulate(u, 0.05, active=[bridge.usual_effect("pacejka_slip")])
+    bridge.write_log(path, x[:-1], u, 0.05)
     return path
 
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     path = tmp_path_factory.mktemp("flight") / "hover.csv"
-    flown, _ = sim.fwmav("hover", 20.0, 1, [])
-    sim.write_log(path, flown.x, flown.u, flown.dt, "fwmav")
+    flown, _ = bridge.fwmav("hover", 20.0, 1, [])
+    bridge.write_log(path, flown.x, flown.u, flown.dt, "fwmav")
     return path
 
 
@@ -366,10 +366,10 @@ def test_two_runs_at_once_leave_the_set_of_one(tmp_path):
 WRITE_LOGS = """
 import sys
 import numpy as np
-from tinykoop.bridge import sim
+from tinykoop import bridge
 rows = int(sys.argv[2])
 for _ in range(30):
-    sim.write_log(sys.argv[1], np.full((rows, 3), rows), np.zeros((rows, 2)), 0.1)
+    bridge.write_log(sys.argv[1], np.full((rows, 3), rows), np.zeros((rows, 2)), 0.1)
 """
 
 
@@ -378,7 +378,7 @@ def test_two_writers_of_one_log_leave_one_of_them(tmp_path):
     path = tmp_path / "log.csv"
     processes = [python(WRITE_LOGS, path, rows) for rows in (2000, 3000)]
     assert [ran(process) for process in processes] == [(0, ""), (0, "")]
-    x = sim.read_log(path).x
+    x = bridge.read_log(path).x
     assert len(x) in (2000, 3000) and (x == len(x)).all()
     assert not parts(tmp_path)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop import platforms
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.plumbing.errors import UserError
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
@@ -45,7 +45,7 @@ def read(tmp_path):
         if isinstance(content, list):
             content = text_of(content)
         path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return sim.read_log(path, platform)
+        return bridge.read_log(path, platform)
 
     return get
 
@@ -143,8 +143,8 @@ def test_round_trip_is_bit_exact(tmp_path, platform, sizes, dt):
     rng = np.random.default_rng(2)
     x, u = (rng.normal(0, 1, (3000, k)) * 10.0 ** rng.integers(-30, 3, (3000, k)) for k in sizes)
     x[0, 0], x[1, 0], x[2, 0] = -0.0, 5e-324, LIMITS[platform][1]
-    sim.write_log(tmp_path / "a.csv", x, u, dt, platform)
-    log = sim.read_log(tmp_path / "a.csv", platform)
+    bridge.write_log(tmp_path / "a.csv", x, u, dt, platform)
+    log = bridge.read_log(tmp_path / "a.csv", platform)
     assert log.x.tobytes() == x.tobytes() and log.u.tobytes() == u.tobytes()
     assert np.max(np.abs(log.t - np.arange(3000) * dt)) < 1e-9
     assert log.dt == pytest.approx(dt, rel=1e-6) and log.usable.all()
@@ -153,7 +153,7 @@ def test_round_trip_is_bit_exact(tmp_path, platform, sizes, dt):
 
 def test_write_where_nothing_can_be_written(tmp_path):
     with pytest.raises(UserError, match="no_folder"):
-        sim.write_log(tmp_path / "no_folder/a.csv", np.zeros((3, 3)), np.zeros((3, 2)), 0.05)
+        bridge.write_log(tmp_path / "no_folder/a.csv", np.zeros((3, 3)), np.zeros((3, 2)), 0.05)
 
 
 def test_write_refuses_what_read_would_refuse(tmp_path):
@@ -161,7 +161,7 @@ def test_write_refuses_what_read_would_refuse(tmp_path):
         x = np.zeros((3, 3))
         x[1, 1] = value
         with pytest.raises(UserError, match=r"a\.csv: row 1: column 'py'"):
-            sim.write_log(tmp_path / "a.csv", x, np.zeros((3, 2)), 0.05)
+            bridge.write_log(tmp_path / "a.csv", x, np.zeros((3, 2)), 0.05)
 
 
 # ---- what is refused, and with what words ----------------------------------------------------------
@@ -301,9 +301,9 @@ def test_more_columns_than_can_be_read(read):
 
 def test_not_a_file(tmp_path):
     with pytest.raises(UserError, match="missing.csv"):
-        sim.read_log(tmp_path / "missing.csv")
+        bridge.read_log(tmp_path / "missing.csv")
     with pytest.raises(UserError, match=tmp_path.name):
-        sim.read_log(tmp_path)
+        bridge.read_log(tmp_path)
 
 
 def test_long_path_does_not_crowd_out_the_reason(tmp_path):
@@ -313,11 +313,11 @@ def test_long_path_does_not_crowd_out_the_reason(tmp_path):
     rows[4][3] = "abc"
     (folder / "log.csv").write_text(text_of(rows))
     with pytest.raises(UserError, match=r"log\.csv:5: .*'theta' \(4\).*'abc'"):
-        sim.read_log(folder / "log.csv")
+        bridge.read_log(folder / "log.csv")
 
 
 def test_unknown_platform_is_refused_by_the_reader_and_by_the_tools_alike(tmp_path):
-    for refusal in (lambda: sim.read_log(tmp_path / "a.csv", "submarine"), lambda: platforms.check("submarine")):
+    for refusal in (lambda: bridge.read_log(tmp_path / "a.csv", "submarine"), lambda: platforms.check("submarine")):
         with pytest.raises(UserError, match=f"'submarine': use {' or '.join(COLUMNS)}$"):
             refusal()
 
@@ -356,13 +356,13 @@ COMMA = textwrap.dedent("""
     import locale, sys
     import numpy as np
     from tinykoop import platforms
-    from tinykoop.bridge import sim
+    from tinykoop import bridge
 
     locale.setlocale(locale.LC_NUMERIC, "comma")
     assert locale.localeconv()["decimal_point"] == ","
     x, u = np.full((4, 3), 1.5), np.full((4, 2), 0.25)
-    sim.write_log(sys.argv[1], x, u, 0.05)
-    log = sim.read_log(sys.argv[1])
+    bridge.write_log(sys.argv[1], x, u, 0.05)
+    log = bridge.read_log(sys.argv[1])
     assert (log.x == x).all() and (log.u == u).all() and abs(log.dt - 0.05) < 1e-12
     assert locale.localeconv()["decimal_point"] == ","
 """)
@@ -377,7 +377,7 @@ def test_locale_with_a_decimal_comma(tmp_path):
     subprocess.run(["localedef", "-c", "-i", source, "-f", "UTF-8", tmp_path / "comma"], capture_output=True)
     if not (tmp_path / "comma/LC_NUMERIC").is_file():
         pytest.skip("localedef makes no locale here")
-    environment = os.environ | {"PYTHONPATH": str(Path(sim.__file__).resolve().parents[1]), "LOCPATH": str(tmp_path)}
+    environment = os.environ | {"PYTHONPATH": str(Path(bridge.__file__).resolve().parents[2]), "LOCPATH": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", COMMA, tmp_path / "log.csv"], capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "log.csv").read_text().splitlines()[2] == "0.05,1.5,1.5,1.5,0.25,0.25"
@@ -389,7 +389,7 @@ FUZZ = textwrap.dedent(r"""
     import sys
     import numpy as np
     from tinykoop import platforms
-    from tinykoop.bridge import sim
+    from tinykoop import bridge
     from tinykoop.plumbing.errors import UserError
 
     folder, seed, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
@@ -418,7 +418,7 @@ FUZZ = textwrap.dedent(r"""
         with open(folder + "/f.csv", "wb") as file:
             file.write(text)
         try:
-            log = sim.read_log(folder + "/f.csv")
+            log = bridge.read_log(folder + "/f.csv")
         except UserError as refusal:
             message = str(refusal)
             assert "f.csv" in message and len(message) < 600, message
@@ -437,7 +437,7 @@ FUZZ = textwrap.dedent(r"""
 def test_damaged_files_are_read_or_refused(tmp_path):
     """2000 mutations of a good file, in a process of its own so that a crash is a failure."""
     command = [sys.executable, "-X", "utf8", "-c", FUZZ, str(tmp_path), "7", "2000"]
-    environment = os.environ | {"PYTHONPATH": str(Path(sim.__file__).resolve().parents[1])}
+    environment = os.environ | {"PYTHONPATH": str(Path(bridge.__file__).resolve().parents[2])}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     read, refused = map(int, done.stdout.split())
@@ -461,7 +461,7 @@ def real_logs():
 @pytest.mark.parametrize("path, platform", real_logs())
 def test_real_log(path, platform):
     """Recorded by others; NumPy's own CSV reader is the judge."""
-    log = sim.read_log(path, platform)
+    log = bridge.read_log(path, platform)
     table = np.genfromtxt(path, delimiter=",", names=True)
     names = COLUMNS[platform].split(",")
     ours = np.column_stack([log.t, log.x, log.u])

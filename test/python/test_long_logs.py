@@ -1,4 +1,4 @@
-"""Logs beyond sim.LONG rows: predictions are as exact as on short ones, and what they cost does not grow with the log."""
+"""Logs beyond bridge.LONG rows: predictions are as exact as on short ones, and what they cost does not grow with the log."""
 
 import io
 import time
@@ -6,23 +6,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.diagnose import diagnose, measure, page, words
 from tinykoop.logs import replay
 from tinykoop.plumbing import results
+from tinykoop.plumbing.errors import UserError
 
 DT = 0.05
 SLOWEST = [
-    sim.Effect("actuator_lag", (3.0,)), sim.Effect("transport_delay", (0.42,)), sim.usual_effect("backlash"),
-    sim.usual_effect("battery_sag", 1000.0), sim.usual_effect("pacejka_slip", 500.0, 2000.0),
+    bridge.Effect("actuator_lag", (3.0,)), bridge.Effect("transport_delay", (0.42,)), bridge.usual_effect("backlash"),
+    bridge.usual_effect("battery_sag", 1000.0), bridge.usual_effect("pacejka_slip", 500.0, 2000.0),
 ]  # fmt: skip
 
 
 def drive(rows, active=(), seed=1, noise=0.0):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform((-0.3, -1.0), (2.0, 1.0), (-(-rows // 40), 2)), 40, axis=0)[:rows]
-    x = sim.simulate(u[:-1], DT, active=active, integrator=sim.ARC)
-    return sim.Log(np.arange(rows) * DT, x + noise * rng.standard_normal(x.shape), u, np.ones(rows - 1, bool), DT)
+    x = bridge.simulate(u[:-1], DT, active=active, integrator=bridge.ARC)
+    return bridge.Log(np.arange(rows) * DT, x + noise * rng.standard_normal(x.shape), u, np.ones(rows - 1, bool), DT)
 
 
 @pytest.mark.parametrize("order", ["as they follow", "mixed"])
@@ -31,11 +32,11 @@ def test_windows_of_a_long_log_are_the_simulation_itself(order):
 
     What the slowest lag still remembers of the time before its warm-up is a jump of the command by 2 m/s, times exp(-10).
     """
-    log, steps = drive(3 * sim.LONG, SLOWEST), [1, 10, 50]
+    log, steps = drive(3 * bridge.LONG, SLOWEST), [1, 10, 50]
     starts = np.r_[0:2000:100, 2500:50000:2503, len(log.x) - 51]
     starts = np.random.default_rng(0).permutation(starts) if order == "mixed" else starts
     for usable in (None, log.usable):
-        predicted, left = sim.windows(log.x, log.u, DT, starts, steps, SLOWEST, usable, sim.ARC)
+        predicted, left = bridge.windows(log.x, log.u, DT, starts, steps, SLOWEST, usable, bridge.ARC)
         assert np.abs(left).max() < 2 * np.exp(-10) * 50 * DT
         if order != "mixed":
             assert np.abs(left[starts < 2000]).max() < 1e-9, "these are rolled from the first row"
@@ -43,18 +44,18 @@ def test_windows_of_a_long_log_are_the_simulation_itself(order):
 
 
 def test_what_lies_between_windows_of_a_long_log_is_not_looked_at():
-    log = drive(2 * sim.LONG)
+    log = drive(2 * bridge.LONG)
     log.x[20000], log.u[20000] = np.nan, np.nan
-    assert np.isfinite(sim.windows(log.x, log.u, DT, [100, 30000], [50])[1]).all()
+    assert np.isfinite(bridge.windows(log.x, log.u, DT, [100, 30000], [50])[1]).all()
     for start in (19980, 20010):  # it lies in the window, or before it
-        with pytest.raises(sim.UserError, match="20000 is not finite"):
-            sim.windows(log.x, log.u, DT, [100, start], [50], SLOWEST)
+        with pytest.raises(UserError, match="20000 is not finite"):
+            bridge.windows(log.x, log.u, DT, [100, start], [50], SLOWEST)
 
 
 def seconds(rows):
     """Of a prediction over 100 windows, the quickest of some."""
     log = drive(rows)
-    rollouts = sim.Rollouts(log.x, log.u, DT, np.linspace(700, rows - 100, 100).astype(int), [1, 10, 50])
+    rollouts = bridge.Rollouts(log.x, log.u, DT, np.linspace(700, rows - 100, 100).astype(int), [1, 10, 50])
 
     def once():
         begun = time.perf_counter()
@@ -84,24 +85,24 @@ def test_starts_are_those_of_the_rows_counted_one_by_one():
 
 
 def test_diagnosis_of_a_long_log_says_what_was_searched():
-    effects = [sim.Effect("actuator_lag", (0.25,))]
-    result = diagnose(drive(2 * sim.LONG, effects, noise=0.005))
+    effects = [bridge.Effect("actuator_lag", (0.25,))]
+    result = diagnose(drive(2 * bridge.LONG, effects, noise=0.005))
     (found,) = result.report["effects"]
     assert found["name"] == "actuator_lag" and abs(found["params"]["tau"] - 0.25) < 0.01
     searched = result.report["log"]["searched_rows"]
-    assert 5000 < searched < sim.LONG
+    assert 5000 < searched < bridge.LONG
     assert f"{searched:,} of its rows" in page.html(result).decode()
 
 
 def test_diagnosis_of_a_log_that_is_not_long_says_nothing_of_it():
-    assert words.searched({"log": {"rows": sim.LONG}}) == []
+    assert words.searched({"log": {"rows": bridge.LONG}}) == []
 
 
 def test_diagnose_shows_that_it_is_at_work(tmp_path, monkeypatch):
     from tinykoop import diagnose as command
 
     log, shown = drive(400, noise=0.005), []
-    sim.write_log(tmp_path / "drive.csv", log.x, log.u, DT)
+    bridge.write_log(tmp_path / "drive.csv", log.x, log.u, DT)
     busy = command.busy
     monkeypatch.setattr(command, "busy", lambda text: shown.append(text) or busy(text))
     command.run(tmp_path / "drive.csv", tmp_path / "out")

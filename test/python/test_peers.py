@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
 
 for package in ("pysindy", "sklearn", "threadpoolctl"):
     pytest.importorskip(package, reason=f"{package} is missing: `make blind` installs tools/requirements-peers.txt")
@@ -19,8 +19,8 @@ def write(path, active, seed, rows=900):
     """A noisy log, simulated in fifths of a step under held random commands."""
     random = np.random.default_rng(seed)
     u = np.repeat(random.uniform((-0.8, -1), (2, 1), (rows // 30 + 1, 2)), 30, axis=0)[:rows]
-    x = sim.simulate(np.repeat(u, 5, axis=0), DT / 5, (0, 0, 2), active, sim.ARC)[::5][:rows]
-    sim.write_log(path, x + random.standard_normal(x.shape) * (SP, SP, ST), u, DT)
+    x = bridge.simulate(np.repeat(u, 5, axis=0), DT / 5, (0, 0, 2), active, bridge.ARC)[::5][:rows]
+    bridge.write_log(path, x + random.standard_normal(x.shape) * (SP, SP, ST), u, DT)
     return path
 
 
@@ -30,8 +30,8 @@ def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("logs")
     robots = {
         "none": [],
-        "speed_gain": [sim.Effect("speed_gain", (-0.1,))],
-        "actuator_lag": [sim.Effect("actuator_lag", (0.3,))],
+        "speed_gain": [bridge.Effect("speed_gain", (-0.1,))],
+        "actuator_lag": [bridge.Effect("actuator_lag", (0.3,))],
     }
     return {
         name: tuple(write(folder / f"{name}{seed}.csv", active, seed) for seed in (1, 2))

@@ -102,7 +102,7 @@ def test_assurance_names_files_that_exist():
 
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
-    from tinykoop.bridge import sim
+    from tinykoop import bridge
     from tinykoop.diagnose import diagnosis, measure, pieces, search, verdict
     from tinykoop.diagnose.flight import diagnosis as flight
     from tinykoop.diagnose.flight import gap, innovations
@@ -110,7 +110,7 @@ def _figures_of_the_diagnoser():
     return [
         f"pieces of {pieces.SECONDS:g} s ({pieces.ROWS} to {pieces.MOST_ROWS} rows)",
         f"Of a long log {pieces.MOST:,} rows are used",
-        f"Beyond {sim.LONG:,} rows the states of the actuators are rolled from {sim.WARM_UP:g} s before each piece",
+        f"Beyond {bridge.LONG:,} rows the states of the actuators are rolled from {bridge.WARM_UP:g} s before each piece",
         f"a lateral skid within {100 * diagnosis.ARTEFACT:g} % of plus or minus dt/2",
         f"in 1 of {1 / search.FALSE_ALARMS:g} logs",
         "errors {}, {} and {} steps after a *measured* pose".format(*measure.HORIZONS),

@@ -6,15 +6,16 @@ Tolerances are those that the project promises; the agreement found is noted bes
 import numpy as np
 import pytest
 import reference
-from tinykoop.bridge import sim
+from tinykoop import bridge
+from tinykoop.plumbing.errors import UserError
 
 K = 500
 CELLS = [(d, r) for d in reference.DICTIONARIES for r in reference.REGULATORS]
 
 paper_effects = [
-    sim.Effect("pacejka_slip", (10, 1.6, 0.11, 0.3, 0.45), 50, 100),
-    sim.Effect("pacejka_slip", (10, 1.6, 0.11, 0.3, 0.45), 150, 200),
-    sim.Effect("stribeck_friction", (0.40, 0.12, 0.08, 1.0), 100, 200),
+    bridge.Effect("pacejka_slip", (10, 1.6, 0.11, 0.3, 0.45), 50, 100),
+    bridge.Effect("pacejka_slip", (10, 1.6, 0.11, 0.3, 0.45), 150, 200),
+    bridge.Effect("stribeck_friction", (0.40, 0.12, 0.08, 1.0), 100, 200),
 ]
 
 
@@ -28,7 +29,7 @@ def relative(a, b):
 def test_plant_is_the_papers_over_all_five_phases():
     """Euler steps, Pacejka and Stribeck by C and by NumPy, 250 s; found 9e-16."""
     u = reference.commands()
-    ours = sim.simulate(u, reference.DT, active=paper_effects)
+    ours = bridge.simulate(u, reference.DT, active=paper_effects)
     theirs = reference.drive(u, *reference.phases())
     assert np.max(np.abs(ours - theirs)) < 1e-12
     assert ours[-1, :2] == pytest.approx([320.3, 3.5], abs=0.1)  # as the prototype of test_bands.py
@@ -37,7 +38,7 @@ def test_plant_is_the_papers_over_all_five_phases():
 def test_plant_without_effects_is_nominal():
     u, nothing = reference.commands(), np.zeros(reference.STEPS, bool)
     x0 = (1.0, -2.0, 0.7)
-    ours = sim.simulate(u, 0.02, x0)
+    ours = bridge.simulate(u, 0.02, x0)
     assert np.max(np.abs(ours - reference.drive(u, nothing, nothing, x0, 0.02))) < 1e-12
 
 
@@ -47,25 +48,25 @@ def test_plant_turns_and_backs_up_as_the_formulas_say():
     u[::7, 1] = 0.0
     always = np.ones(len(u), bool)
     names = ("pacejka_slip", "stribeck_friction")
-    ours = sim.simulate(u, 0.05, active=[sim.usual_effect(n) for n in names])
+    ours = bridge.simulate(u, 0.05, active=[bridge.usual_effect(n) for n in names])
     assert np.max(np.abs(ours - reference.drive(u, always, always))) < 1e-12
 
 
-@pytest.mark.parametrize("name", sim.effects())
+@pytest.mark.parametrize("name", bridge.effects())
 def test_effect_with_all_zero_parameters_changes_no_bit(name):
     u = np.random.default_rng(1).normal(0, 1, (500, 2))
-    zero = sim.Effect(name, (0.0,) * len(sim.effects()[name][1]))
-    assert np.array_equal(sim.simulate(u, 0.05, active=[zero]), sim.simulate(u, 0.05))
+    zero = bridge.Effect(name, (0.0,) * len(bridge.effects()[name][1]))
+    assert np.array_equal(bridge.simulate(u, 0.05, active=[zero]), bridge.simulate(u, 0.05))
 
 
 def test_order_of_effects_given_by_the_caller_does_not_matter():
     u = reference.commands(1500)
-    active = [sim.usual_effect(name) for name in sim.effects()]
-    expected = sim.simulate(u, 0.05, active=active)
+    active = [bridge.usual_effect(name) for name in bridge.effects()]
+    expected = bridge.simulate(u, 0.05, active=active)
     shuffle = np.random.default_rng(2).permutation
     for _ in range(5):
         mixed = [active[i] for i in shuffle(len(active))]
-        assert np.array_equal(sim.simulate(u, 0.05, active=mixed), expected)
+        assert np.array_equal(bridge.simulate(u, 0.05, active=mixed), expected)
 
 
 @pytest.mark.parametrize("name", ["pacejka_slip", "stribeck_friction"])
@@ -84,29 +85,29 @@ def test_effect_acts_on_t0_up_to_but_not_at_t1(name, dt):
         decimals = (round(first * dt, 2), round(last * dt, 2))
         early = (first * dt - 0.4 * dt, last * dt - 0.4 * dt)
         for t0, t1 in ((first * dt, last * dt), decimals, early):
-            effect = sim.usual_effect(name, t0, t1)
-            assert np.max(np.abs(sim.simulate(u, dt, active=[effect]) - expected)) < 1e-13
+            effect = bridge.usual_effect(name, t0, t1)
+            assert np.max(np.abs(bridge.simulate(u, dt, active=[effect]) - expected)) < 1e-13
 
 
-@pytest.mark.parametrize("name", sim.effects())
+@pytest.mark.parametrize("name", bridge.effects())
 def test_effect_changes_nothing_before_t0(name):
     u = np.random.default_rng(3).uniform(-3, 3, (200, 2))
-    late = sim.usual_effect(name, 5.0, 7.5)
-    ours, nominal = sim.simulate(u, 0.05, active=[late]), sim.simulate(u, 0.05)
+    late = bridge.usual_effect(name, 5.0, 7.5)
+    ours, nominal = bridge.simulate(u, 0.05, active=[late]), bridge.simulate(u, 0.05)
     assert np.array_equal(ours[:100], nominal[:100])
     assert not np.array_equal(ours, nominal)
 
 
 def test_plant_refuses_what_it_cannot_simulate():
     u = np.zeros((5, 2))
-    with pytest.raises(sim.UserError, match="warp_drive"):
-        sim.simulate(u, 0.05, active=[sim.Effect("warp_drive", ())])
+    with pytest.raises(UserError, match="warp_drive"):
+        bridge.simulate(u, 0.05, active=[bridge.Effect("warp_drive", ())])
     for dt in (0.0, -1.0, float("nan")):
-        with pytest.raises(sim.UserError, match="dt"):
-            sim.simulate(u, dt)
+        with pytest.raises(UserError, match="dt"):
+            bridge.simulate(u, dt)
     u[3] = np.inf
-    with pytest.raises(sim.UserError, match="finite"):
-        sim.simulate(u, 0.05)
+    with pytest.raises(UserError, match="finite"):
+        bridge.simulate(u, 0.05)
 
 
 # ---- dictionaries ------------------------------------------------------------------------------
@@ -120,7 +121,7 @@ def test_dictionary(dictionary):
     expected = reference.lift(dictionary, x)
     scale = np.maximum(np.abs(expected), 1)
     for precision, tolerance in ((64, 1e-15), (32, 2e-6)):
-        ours = sim.Estimator(dictionary, "ef", precision).lift(x)
+        ours = bridge.Estimator(dictionary, "ef", precision).lift(x)
         assert np.max(np.abs(ours - expected) / scale) < tolerance
 
 
@@ -129,7 +130,7 @@ def test_dictionary(dictionary):
 
 @pytest.fixture(scope="module")
 def states():
-    return sim.simulate(reference.commands(K), reference.DT)
+    return bridge.simulate(reference.commands(K), reference.DT)
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +165,7 @@ def test_float64_recursion_is_the_papers(dictionary, regulator, form, states, ex
 
     Found: predictions 5e-15 (vanilla RBF 2e-14), Theta 3e-11, P 5e-13.
     """
-    ours = sim.Estimator(dictionary, regulator, 64, form=form)
+    ours = bridge.Estimator(dictionary, regulator, 64, form=form)
     off, theta, P = agreement(ours, states, exact(dictionary, regulator))
     assert off < (1e-9 if dictionary == "rbf_ddr" else 1e-6)
     assert theta < 1e-6
@@ -176,7 +177,7 @@ def test_float64_recursion_is_the_papers(dictionary, regulator, form, states, ex
 def test_float32_predicts_as_the_paper(dictionary, regulator, form, states, exact):
     """Found: 1.3e-5 for vanilla RBF in the plain form, 2e-6 and less elsewhere."""
     off, _, _ = agreement(
-        sim.Estimator(dictionary, regulator, 32, form=form), states, exact(dictionary, regulator)
+        bridge.Estimator(dictionary, regulator, 32, form=form), states, exact(dictionary, regulator)
     )
     assert off < 1e-3
 
@@ -199,7 +200,7 @@ def test_settings_reach_the_recursion(regulator, settings, form, states):
     run = reference.learn(reference.lift("poly_ddr", states[:101]), u, regulator, **settings)
     usual = reference.learn(reference.lift("poly_ddr", states[:101]), u, regulator)
     assert regulator == "none" or relative(run[0], usual[0]) > 1e-4
-    ours = sim.Estimator("poly_ddr", regulator, 64, form=form, **settings)
+    ours = bridge.Estimator("poly_ddr", regulator, 64, form=form, **settings)
     ours.replay(states[:101], u)
     assert relative(ours.theta, run[0]) < 1e-6
     assert relative(ours.covariance, run[1]) < 1e-6
@@ -218,11 +219,11 @@ def test_replay_skips_what_is_not_usable(states):
     masked[[0, 50, 51, 52, 120, 200]] = True
     x[masked] = np.nan
     usable = ~(masked[:-1] | masked[1:])
-    ours = sim.Estimator("rbf_ddr", "ct", 64)
+    ours = bridge.Estimator("rbf_ddr", "ct", 64)
     traces = ours.replay(x, u, usable)
 
     psi = reference.lift("rbf_ddr", states[:201])
-    pairs = sim.Estimator("rbf_ddr", "ct", 64)
+    pairs = bridge.Estimator("rbf_ddr", "ct", 64)
     pairs.soak(np.concatenate([psi[:-1], u], axis=1)[usable], psi[1:][usable], 1)
     assert relative(ours.theta, pairs.theta) < 1e-9
     assert np.array_equal(np.isfinite(traces["error"]), usable)
@@ -235,7 +236,7 @@ def test_replay_skips_what_is_not_usable(states):
 def test_traces_are_what_they_say(states, form, precision, tolerance):
     """Norms, trace, least diagonal, innovation and error, each from the recorded Theta and P."""
     x, u = states[:101], reference.commands(100)
-    estimator = sim.Estimator("poly_ddr", "ef", precision, form=form)
+    estimator = bridge.Estimator("poly_ddr", "ef", precision, form=form)
     traces = estimator.replay(x, u, every=1)
     theta = np.concatenate([traces["theta"], estimator.theta[None]])
     P = np.concatenate([traces["covariance"], estimator.covariance[None]])
@@ -259,7 +260,7 @@ def test_traces_are_what_they_say(states, form, precision, tolerance):
 
 @pytest.mark.parametrize("p0", [1e-200, 1e200])
 def test_norm_whose_squares_leave_the_range(p0):
-    estimator = sim.Estimator("poly_ddr", "none", 64, p0=p0)
+    estimator = bridge.Estimator("poly_ddr", "none", 64, p0=p0)
     trace = estimator.replay(np.zeros((2, 3)), np.zeros((1, 2)), learn=False, traces=("norm_p", "norm_a", "error"))
     np.testing.assert_allclose(trace["norm_p"], 3 * p0, rtol=1e-14)  # of p0 I, nine regressors
     assert trace["norm_a"] == 0 and trace["error"] == 0

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.diagnose import diagnose, figures, page, words
 from tinykoop.diagnose.platform import Ddr
 from tinykoop.plumbing import results
@@ -21,15 +21,15 @@ VOID = {"meta", "link", "br", "img", "input", "hr"}
 def make_log(rows, effects, seed, noise=0.005):
     rng = np.random.default_rng(seed)
     u = np.repeat(np.column_stack([rng.uniform(0, 1.6, rows // 20), rng.uniform(-1, 1, rows // 20)]), 20, axis=0)
-    x = sim.simulate(u[:-1], DT, active=effects, integrator=sim.ARC)
+    x = bridge.simulate(u[:-1], DT, active=effects, integrator=bridge.ARC)
     x += noise * rng.standard_normal(x.shape)
-    return sim.Log(np.arange(len(x)) * DT, x, u, np.ones(len(x) - 1, bool), DT)
+    return bridge.Log(np.arange(len(x)) * DT, x, u, np.ones(len(x) - 1, bool), DT)
 
 
 @pytest.fixture(scope="module")
 def lag():
     """A log with a lag, and a fresh one."""
-    effects = [sim.usual_effect("actuator_lag")]
+    effects = [bridge.usual_effect("actuator_lag")]
     result = diagnose(make_log(400, effects, 1), fresh=make_log(300, effects, 2))
     result.report = {"log_file": "drives/<b>&.csv", "fresh_file": "drives/fresh.csv", **result.report}
     return result
@@ -50,8 +50,8 @@ def spot():
 def turning_log(rows, seed):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.uniform(-1.2, 1.2, (rows // 20, 1)), 20, axis=0) * (0.0, 1.0)
-    x = sim.simulate(u[:-1], DT, active=[sim.usual_effect("yaw_gain")], integrator=sim.ARC)
-    return sim.Log(np.arange(rows) * DT, x + 0.004 * rng.standard_normal(x.shape), u, np.ones(rows - 1, bool), DT)
+    x = bridge.simulate(u[:-1], DT, active=[bridge.usual_effect("yaw_gain")], integrator=bridge.ARC)
+    return bridge.Log(np.arange(rows) * DT, x + 0.004 * rng.standard_normal(x.shape), u, np.ones(rows - 1, bool), DT)
 
 
 class Reader(HTMLParser):
@@ -168,7 +168,7 @@ def test_predictions_are_the_simulators(lag):
     rows, before, after = figures.predictions(lag)
     for k in (0, len(rows) // 2):
         start, u = lag.log.x[rows[k, 0]], lag.log.u[rows[k, :-1]]
-        assert np.allclose(before[k], sim.simulate(u, DT, start, integrator=sim.ARC)[:, :2], atol=1e-9)
+        assert np.allclose(before[k], bridge.simulate(u, DT, start, integrator=bridge.ARC)[:, :2], atol=1e-9)
     end = lag.log.x[rows[:, -1], :2]
     assert np.linalg.norm(after[:, -1] - end, axis=1).max() < 0.3 * np.linalg.norm(before[:, -1] - end, axis=1).max()
 
@@ -286,7 +286,7 @@ def test_gap_of_a_robot_on_the_spot_is_an_angle(spot):
 def test_gap_of_a_robot_on_the_spot_is_that_of_its_heading(spot):
     """Against the simulator's own predictions; the summary, the first figure and the page say the same."""
     log = spot.log
-    _, off = sim.windows(log.x, log.u, DT, range(50, len(log.x) - 50), [50], integrator=sim.ARC)
+    _, off = bridge.windows(log.x, log.u, DT, range(50, len(log.x) - 50), [50], integrator=bridge.ARC)
     before = math.degrees(np.sqrt(np.mean(off[:, 0, 2] ** 2)))
     heading = spot.report["gap"]["heading_rad"]
     assert math.degrees(heading["before"]["50"]) == pytest.approx(before, rel=0.05)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.firmware import size
 from tinykoop.plumbing.errors import UserError
 
@@ -35,20 +35,20 @@ def test_estimates_grow_with_the_work():
 def test_storage_of_a_learner_is_that_of_its_matrices():
     # Theta N x d and half of S d x d, in rows and tiles padded to four, and six vectors
     d = 14 + 2
-    assert sim.storage(14, 3, 2, 50)["learner_sqrt"] == d * 16 + d * (d + 4) // 2 + 16 + 5 * d
-    assert sim.storage(14, 3, 2, 50)["gate_sqrt"] == sim.storage(14, 3, 2, 50)["learner_sqrt"] + 3 * 14
-    assert sim.storage(14, 3, 2, 50)["model"] == 14 * d
+    assert bridge.storage(14, 3, 2, 50)["learner_sqrt"] == d * 16 + d * (d + 4) // 2 + 16 + 5 * d
+    assert bridge.storage(14, 3, 2, 50)["gate_sqrt"] == bridge.storage(14, 3, 2, 50)["learner_sqrt"] + 3 * 14
+    assert bridge.storage(14, 3, 2, 50)["model"] == 14 * d
 
 
 @pytest.mark.parametrize("sizes", [(3, 4, 2, 50), (22, 3, 0, 50), (254, 3, 2, 50), (22, 3, 2, 0), (22, 3, 2, 1001), (-1, 3, 2, 5)])
 def test_sizes_that_the_library_refuses(sizes):
     with pytest.raises(UserError, match="do not fit|does not fit"):
-        sim.storage(*sizes)
+        bridge.storage(*sizes)
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [("-N 22 -n 3 -m 2", f"{4 * sim.storage(22, 3, 2, 50)['mpc_newton']:,}"), ("-N 9 -n 6 -m 2 -H 20 --target cortex-m0plus --precision 64", "koopd_rls")],
+    [("-N 22 -n 3 -m 2", f"{4 * bridge.storage(22, 3, 2, 50)['mpc_newton']:,}"), ("-N 9 -n 6 -m 2 -H 20 --target cortex-m0plus --precision 64", "koopd_rls")],
 )
 def test_command(arguments, says):
     done = subprocess.run([sys.executable, "-m", "tinykoop.cli", "size", *arguments.split()], capture_output=True, text=True)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from test_tools import strict_json, tinykoop
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.experiments import control, scenario, study
 from tinykoop.plumbing.errors import UserError
 
@@ -64,9 +64,9 @@ def test_sensitivities_of_a_model_are_those_of_running_it():
 def test_shifted_effects_act_when_they_would_have():
     u = scenario.commands(600)
     effects = scenario.effects((100, 200, 300, 400))
-    whole = sim.simulate(u, scenario.DT, active=effects)
+    whole = bridge.simulate(u, scenario.DT, active=effects)
     for k in (0, 95, 250, 399, 500):
-        tail = sim.simulate(u[k:], scenario.DT, whole[k], study.shifted(effects, k))
+        tail = bridge.simulate(u[k:], scenario.DT, whole[k], study.shifted(effects, k))
         assert np.allclose(tail, whole[k:], rtol=0, atol=1e-12)
 
 

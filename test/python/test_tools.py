@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop import cli
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.experiments import control, learn, scenario, windup
 from tinykoop.logs import fit
 from tinykoop.plumbing import results
@@ -35,9 +35,9 @@ def noisy_log(tmp_path_factory):
     """A 60 s drive of the slipping robot with measurement noise."""
     path = tmp_path_factory.mktemp("log") / "drive.csv"
     u = scenario.commands(1200)
-    x = sim.simulate(u, 0.05, active=[sim.usual_effect("pacejka_slip")])
+    x = bridge.simulate(u, 0.05, active=[bridge.usual_effect("pacejka_slip")])
     x += np.random.default_rng(3).normal(0, 1e-3, x.shape)
-    sim.write_log(path, x, np.vstack([u, u[-1]]), 0.05)
+    bridge.write_log(path, x, np.vstack([u, u[-1]]), 0.05)
     return path
 
 
@@ -140,12 +140,12 @@ def test_replay(noisy_log, tmp_path):
 def test_estimator_behind_the_gate_forgets_a_fault(precision, regulator):
     """On a drive with every sensor stuck for ten seconds."""
     u = scenario.commands(3000)
-    x = sim.simulate(u, 0.05)
+    x = bridge.simulate(u, 0.05)
     stuck = x.copy()
     stuck[1500:1700] = x[1500]
     after = {}
     for name, seen, gate in (("sound", x, False), ("gated", stuck, True), ("bare", stuck, False)):
-        estimator = sim.Estimator("poly_ddr", regulator, precision, form="sqrt", gate=gate)
+        estimator = bridge.Estimator("poly_ddr", regulator, precision, form="sqrt", gate=gate)
         after[name] = np.nanmean(estimator.replay(seen, u)["error"][2000:])
     assert after["gated"] < 1.05 * after["sound"] < after["bare"] / 2
 
@@ -179,7 +179,7 @@ int main(void) {{
     printed = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
     theta = np.array(printed.split(), float).reshape(7, 9)
 
-    log = sim.read_log(noisy_log)
+    log = bridge.read_log(noisy_log)
     px, py, angle = log.x.T
     psi = np.stack([px, py, angle, px**2, py**2, np.sin(angle), np.cos(angle)], axis=1)
     zeta = np.hstack([psi[:-1], log.u[:-1]])

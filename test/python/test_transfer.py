@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 from scipy import signal
-from tinykoop.bridge import sim
+from tinykoop import bridge
 from tinykoop.experiments import scenario, transfer
 from tinykoop.plumbing.errors import UserError
 
@@ -16,24 +16,24 @@ def test_lowpass_is_butterworths(precision, bound):
     b, a = signal.butter(2, 5, fs=100)
     start = signal.lfilter_zi(b, a)
     expected = np.stack([signal.lfilter(b, a, column, zi=start * column[0])[0] for column in x.T], axis=1)
-    assert np.abs(sim.lowpass(x, 5, 100, precision) - expected).max() < bound * np.abs(expected).max()
+    assert np.abs(bridge.lowpass(x, 5, 100, precision) - expected).max() < bound * np.abs(expected).max()
 
 
 def test_lowpass_begins_anew_after_a_gap_and_leaves_bad_rows_out():
     x = np.random.default_rng(1).normal(size=(40, 2))
     usable = np.ones(39, bool)
     usable[19] = False
-    both = sim.lowpass(x, 5, 100, usable=usable)
-    assert np.array_equal(both[20:], sim.lowpass(x[20:], 5, 100))
+    both = bridge.lowpass(x, 5, 100, usable=usable)
+    assert np.array_equal(both[20:], bridge.lowpass(x[20:], 5, 100))
     spoilt = x.copy()
     spoilt[30] = np.nan
-    seen = sim.lowpass(spoilt, 5, 100)
+    seen = bridge.lowpass(spoilt, 5, 100)
     assert np.isnan(seen[30]).all() and np.isfinite(np.delete(seen, 30, axis=0)).all()
 
 
 def test_lowpass_refuses_a_cut_off_beyond_the_sampling():
     with pytest.raises(UserError, match="60 Hz at 100 Hz"):
-        sim.lowpass(np.zeros((5, 1)), 60, 100)
+        bridge.lowpass(np.zeros((5, 1)), 60, 100)
 
 
 def test_parts_of_a_flight_share_its_usable_steps():

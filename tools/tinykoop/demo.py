@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from . import diagnose
-from .bridge import sim
+from . import bridge
 from .experiments import ablate, control, learn, windup
 from .logs import replay
 from .plumbing.results import console, output_folder
@@ -19,10 +19,10 @@ def gap(out):
     folder, dt, rows = output_folder(Path(out) / "diagnose"), 0.05, 2000
     random = np.random.default_rng(7)
     for name, onset in (("drive", 50.0), ("fresh", 0.0)):
-        robot = [sim.Effect("actuator_lag", (0.25,)), sim.usual_effect("pacejka_slip", onset)]
+        robot = [bridge.Effect("actuator_lag", (0.25,)), bridge.usual_effect("pacejka_slip", onset)]
         u = np.repeat(random.uniform((-0.3, -1.0), (2.0, 1.0), (rows // 40, 2)), 40, axis=0)
-        x = sim.simulate(u[:-1], dt, active=robot, integrator=sim.ARC)
-        sim.write_log(folder / f"{name}.csv", x + random.normal(0, 0.005, x.shape), u, dt)
+        x = bridge.simulate(u[:-1], dt, active=robot, integrator=bridge.ARC)
+        bridge.write_log(folder / f"{name}.csv", x + random.normal(0, 0.005, x.shape), u, dt)
     console.print("\nSim-to-real gap: a drive of a robot that lags, and slips from 50 s on (make diagnose LOG=..)")
     diagnose.run(folder / "drive.csv", folder, folder / "fresh.csv")
 

@@ -13,7 +13,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..experiments import scenario, transfer
 from ..logs import replay
 from ..plumbing import plots, results
@@ -264,14 +264,14 @@ def plot(rows, path):
 
 def flight():
     """States (K+1, 10) and commands (K, 1) of one long simulated flight, low-passed as in `make transfer`."""
-    log, _ = sim.fwmav("pitch", FLIGHT_SECONDS, 1)
+    log, _ = bridge.fwmav("pitch", FLIGHT_SECONDS, 1)
     x, u = transfer.filtered(replay.unwrapped(log, "fwmav"))
     return x, u[:-1]
 
 
 def _estimator(dictionary, regulator, form, precision=32):
-    return sim.Estimator(
-        dictionary, regulator, precision, form=form, n_inputs=1, lam=transfer.LAMBDA, delta=transfer.DELTA, check=sim.CHECK_DIAGONAL
+    return bridge.Estimator(
+        dictionary, regulator, precision, form=form, n_inputs=1, lam=transfer.LAMBDA, delta=transfer.DELTA, check=bridge.CHECK_DIAGONAL
     )
 
 

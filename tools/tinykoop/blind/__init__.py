@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing.errors import UserError
 from ..plumbing.results import alone, console, output_folder, remove, write_json
 from ..plumbing.workers import each, workers
@@ -112,7 +112,7 @@ def generate(out, n, seed, diagnosers, which=None):
     console.print(f"{len(logs)} logs, seed {seed}. The labels are sealed: SHA-256 {seal['sha256']}", soft_wrap=True)
     for name, (label, *recordings) in logs.items():
         for folder, (x, u) in zip(("logs", "fresh"), recordings):
-            sim.write_log(output_folder(work / folder) / f"{name}.csv", x, u, label["dt"])
+            bridge.write_log(output_folder(work / folder) / f"{name}.csv", x, u, label["dt"])
     return {name: label for name, (label, _, _) in logs.items()}
 
 

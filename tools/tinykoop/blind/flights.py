@@ -10,7 +10,7 @@ cannot be told from a real flight either. Magnitudes are 0.7 to 1.5 times the us
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing import plots
 from ..plumbing.errors import UserError
 from ..plumbing.results import alone, console, output_folder, print_table, remove, replacing, write_json
@@ -33,10 +33,10 @@ TRIES = 20
 
 
 def _drawn(random, name, t0=0.0):
-    rows = sim.effects("fwmav")[name][1]
+    rows = bridge.effects("fwmav")[name][1]
     signed = all(row[2] < 0 < row[3] for row in rows)
     sizes = [row[4] * random.uniform(LEAST, MOST) * (random.choice((-1, 1)) if signed else 1) for row in rows]
-    return sim.Effect(name, tuple(float(np.clip(v, row[2], row[3])) for v, row in zip(sizes, rows)), float(t0), float("inf"))
+    return bridge.Effect(name, tuple(float(np.clip(v, row[2], row[3])) for v, row in zip(sizes, rows)), float(t0), float("inf"))
 
 
 def draw(tier, seed, k):
@@ -49,7 +49,7 @@ def draw(tier, seed, k):
         t0 = random.uniform(0.25, 0.6) * SECONDS if tier == "switch" else 0.0
         active = [_drawn(random, str(name), t0) for name in names]
         try:
-            log, _ = sim.fwmav(manoeuvre, SECONDS, int(random.integers(2**31)), active)
+            log, _ = bridge.fwmav(manoeuvre, SECONDS, int(random.integers(2**31)), active)
         except UserError:
             continue
         if np.abs(log.x[:, 6:8]).max() < 1.0:
@@ -86,7 +86,7 @@ def _row(label, run):
     for e in truth:
         if e["name"] in found:
             got = found[e["name"]]
-            usual = [abs(r[4]) for r in sim.effects("fwmav")[e["name"]][1]]
+            usual = [abs(r[4]) for r in bridge.effects("fwmav")[e["name"]][1]]
             errors = [abs(a - b) / c for a, b, c in zip(got["params"].values(), e["parameters"], usual)]
             inside = [low <= b <= high for (low, high), b in zip(got["params_ci95"].values(), e["parameters"])]
             row |= {"error_of_usual": max(errors), "inside_ci95": inside, "edge_error": abs(got["segments"][0][0] - e["t0"])}
@@ -116,7 +116,7 @@ def _campaign(out, n, seed, cluster, jobs):
     )
     logs, reports = output_folder(work / "logs"), output_folder(work / "reports")
     for name, (_, log) in flights.items():
-        sim.write_log(logs / f"{name}.csv", log.x, log.u, log.dt, "fwmav")
+        bridge.write_log(logs / f"{name}.csv", log.x, log.u, log.dt, "fwmav")
     command = Command((*DIAGNOSE, "--platform", "fwmav"))
     runs = {}
     with workers(cluster, jobs):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing.results import number, output_folder, print_table, write_json
 from ..plumbing.workers import each, workers
 from . import Command, DIAGNOSE
@@ -64,7 +64,7 @@ def run(out, path, jobs=None):
         file = Path(folder) / "part.csv"
 
         def written(x, u, rows):
-            sim.write_log(file, x[rows], u[rows], log.dt, "fwmav")
+            bridge.write_log(file, x[rows], u[rows], log.dt, "fwmav")
             return file.read_bytes()
 
         healthy = written(log.x, log.u, slice(0, half))

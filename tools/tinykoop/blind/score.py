@@ -26,7 +26,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..experiments.study import wilson
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, print_table, progress, replacing
@@ -153,10 +153,10 @@ def _share(before, after, least):
 
 def recomputed_gap(answer, fresh):
     """({H: before}, {H: after}) on the fresh log, from the simulator under the effects that are reported, all along."""
-    table = sim.effects()
+    table = bridge.effects()
     try:
         active = [
-            sim.Effect(e["name"], tuple(float(e["params"][row[0]]) for row in table[e["name"]][1]))
+            bridge.Effect(e["name"], tuple(float(e["params"][row[0]]) for row in table[e["name"]][1]))
             for e in answer.there
             if e.get("acts", True)
         ]
@@ -377,7 +377,7 @@ def run(out, draw=None):
     seal, labels, runs = load(work)
     by = {who: [] for who in seal["diagnosers"]}
     for who, log in progress(list(runs), "scoring"):
-        u, fresh = sim.read_log(work / "logs" / f"{log}.csv").u, sim.read_log(work / "fresh" / f"{log}.csv")
+        u, fresh = bridge.read_log(work / "logs" / f"{log}.csv").u, bridge.read_log(work / "fresh" / f"{log}.csv")
         by[who].append({"log": log, "who": who} | judge(labels[log], runs[who, log], u, fresh))
     results = summary(by) | {"seal": seal}
     with replacing(out / "blind.json", results):

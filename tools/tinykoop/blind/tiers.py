@@ -14,7 +14,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..experiments import scenario
 from . import drives, plant
 from .plant import Cause
@@ -47,7 +47,7 @@ TIERS = {
 
 
 def _usual(name):
-    return {row[0]: row[4] for row in sim.effects()[name][1]}
+    return {row[0]: row[4] for row in bridge.effects()[name][1]}
 
 
 def _threshold(random, commands, low, high):
@@ -141,7 +141,7 @@ def causes(random, tier, seed, k, u, dt):
 
 def _along(acting, duration):
     """The causes on the fresh log, s: each once, all along; what a battery loses goes with time."""
-    there, most = {}, sim.effects()["battery_sag"][1][0][3]
+    there, most = {}, bridge.effects()["battery_sag"][1][0][3]
     for c in acting:
         parameters = dict(c.parameters)
         if c.name == "battery_sag":
@@ -163,7 +163,7 @@ def gap(x, u, dt, span=(0.0, np.inf), active=(), usable=None):
         starts = np.arange(first, last - steps + 1)
         if len(starts) == 0:
             return dict.fromkeys(map(str, HORIZONS), np.nan)
-        residual = sim.windows(x, u, dt, starts, (steps,), active, usable, sim.ARC)[1][:, 0, :2]
+        residual = bridge.windows(x, u, dt, starts, (steps,), active, usable, bridge.ARC)[1][:, 0, :2]
         out[str(steps)] = float(np.sqrt(np.nanmean(np.sum(residual**2, axis=1))))
     return out
 

@@ -1,1 +1,16 @@
-"""From Python to C."""
+"""The simulator and the estimators of host_sim/, through its one C interface."""
+
+from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Guard, Mpc, Solution
+from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, simulate, windows
+from .unmodelled import Effect, effects, usual_effect
+from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
+from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
+from .logs import Log, read_log, write_log
+from .sizes import storage
+
+__all__ = [
+    "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
+    "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
+    "Guard", "Log", "Mpc", "Rollouts", "Solution", "effects", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
+    "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
+]  # fmt: skip

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from .fit import Fitter
 from .pieces import Pieces
 
@@ -42,8 +42,8 @@ def drives(u, dt):
 def _driven(pieces, u, name, params):
     """A Fitter on drive u (K, 2) of a robot with this effect, free of noise but judged by that of the log."""
     platform, dt = pieces.platform, pieces.log.dt
-    x = platform.simulate(u[:-1], dt, [sim.Effect(name, params)], pieces.integrator)
-    driven = Pieces(platform, sim.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool), dt), pieces.integrator)
+    x = platform.simulate(u[:-1], dt, [bridge.Effect(name, params)], pieces.integrator)
+    driven = Pieces(platform, bridge.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool), dt), pieces.integrator)
     driven.set_noise(pieces.noise)
     return Fitter(driven)
 

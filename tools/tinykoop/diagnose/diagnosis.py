@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing.errors import UserError
 from . import advise, elsewhere, explain, features, measure, noise, verdict, where
 from .fit import active
@@ -25,20 +25,20 @@ class Diagnosis:
     """The report, and what was computed on the way that a page may draw."""
 
     report: dict
-    log: sim.Log
+    log: bridge.Log
     pieces: Pieces
     fit: object
     before: measure.Windows
     after: measure.Windows
     floor: np.ndarray
     advice: tuple | None
-    fresh_log: sim.Log | None = None
+    fresh_log: bridge.Log | None = None
     fresh_errors: tuple = field(default=())
 
 
 def load(path, platform):
     """A log that is long enough to say something about."""
-    log = sim.read_log(path, platform.name)
+    log = bridge.read_log(path, platform.name)
     if log.usable.sum() < FEWEST_ROWS:
         raise UserError(
             f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least"
@@ -199,7 +199,7 @@ def _contributions(search, fit, proofs, starts):
 
 
 def diagnose(log, platform=None, fresh=None, without=(), seed=0):
-    """The Diagnosis of a log (sim.Log); fresh: another log of the robot, on which nothing is fitted."""
+    """The Diagnosis of a log (bridge.Log); fresh: another log of the robot, on which nothing is fitted."""
     platform = platform or PLATFORMS["ddr"]()
     check_effects(without, platform.effects())
     pieces, found = _explained(platform, log, without, seed)
@@ -257,7 +257,7 @@ def diagnose(log, platform=None, fresh=None, without=(), seed=0):
         },
         "integrator": integrator.name,
         "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt}
-        | ({"searched_rows": int(pieces.lengths.sum())} if len(log.x) > sim.LONG else {}),
+        | ({"searched_rows": int(pieces.lengths.sum())} if len(log.x) > bridge.LONG else {}),
         "advice": {"drive": advice[0], "words": advice[1], "separation": advice[3]} if advice else None,
     }  # fmt: skip
     result = Diagnosis(report, log, pieces, fit, before, after, least, advice)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from .robot import Parameter
 
 
@@ -26,9 +26,9 @@ class Ddr:
     name = "ddr"
     # A real robot moves in continuous time: where nothing speaks against it, that is assumed.
     integrators = (
-        Integrator("exact arc", sim.ARC, 0.0),
-        Integrator("Euler steps", sim.EULER, -0.5),
-        Integrator("semi-implicit Euler steps", sim.SEMI_IMPLICIT, 0.5),
+        Integrator("exact arc", bridge.ARC, 0.0),
+        Integrator("Euler steps", bridge.EULER, -0.5),
+        Integrator("semi-implicit Euler steps", bridge.SEMI_IMPLICIT, 0.5),
     )
     command_names = ("v", "omega")
     # What together looks like something that is no effect here: then they are never sure.
@@ -41,7 +41,7 @@ class Ddr:
         """{name: (block, (Parameter, ..))} in the order of action."""
         return {
             name: (block, tuple(Parameter(*row) for row in rows))
-            for name, (block, rows) in sim.effects().items()
+            for name, (block, rows) in bridge.effects().items()
             if name not in self.not_fitted
         }
 
@@ -50,12 +50,12 @@ class Ddr:
         return np.asarray(u, float)
 
     def rollouts(self, x, u, dt, starts, steps, usable, integrator):
-        """As sim.Rollouts."""
-        return sim.Rollouts(x, self.commands(u), dt, starts, steps, usable, integrator.code)
+        """As bridge.Rollouts."""
+        return bridge.Rollouts(x, self.commands(u), dt, starts, steps, usable, integrator.code)
 
     def simulate(self, u, dt, active, integrator):
         """Poses (K + 1, 3) of a drive from (0, 0, 0)."""
-        return sim.simulate(self.commands(u), dt, active=active, integrator=integrator.code)
+        return bridge.simulate(self.commands(u), dt, active=active, integrator=integrator.code)
 
 
 PLATFORMS = {"ddr": Ddr}

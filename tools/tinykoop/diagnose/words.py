@@ -2,7 +2,7 @@
 
 import math
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing import results
 from .elsewhere import AT_END
 from .noise import LIGHT
@@ -522,7 +522,7 @@ def searched(report):
         return []
     return [
         f"The log is long: the search of effects looked at {rows:,} of its rows, in pieces evenly spread over it, and followed the "
-        f"actuators from {seconds(sim.WARM_UP)} before each."
+        f"actuators from {seconds(bridge.WARM_UP)} before each."
     ]
 
 

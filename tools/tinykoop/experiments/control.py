@@ -10,14 +10,14 @@ finite, a Hessian that is not positive definite), the safe input (0, 0) is appli
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing import plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import scenario
 
 STEPS = 2000
 EDGES = (400, 800, 1200, 1600)
-MPC = sim.Mpc()  # the paper's weights, box and horizon
+MPC = bridge.Mpc()  # the paper's weights, box and horizon
 
 # Paper: mean error, control energy, fallback rate
 PAPER = {
@@ -37,7 +37,7 @@ PAPER = {
 
 def reference_path():
     """The nominal robot's states (STEPS + horizon + 1, 3) under the paper's commands."""
-    return sim.simulate(scenario.commands(STEPS + MPC.horizon), scenario.DT)
+    return bridge.simulate(scenario.commands(STEPS + MPC.horizon), scenario.DT)
 
 
 def track(method, precision, x, u, reference):

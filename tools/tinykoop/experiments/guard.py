@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing import plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import control, scenario
@@ -24,7 +24,7 @@ RUNS = 200
 SEED = 20000  # the defaults of the guard were chosen on seeds below 10000
 STEPS = 2000
 LOST = 0.15
-MPC = sim.Mpc()
+MPC = bridge.Mpc()
 KINDS = ("paper", "line", "sine", "S-curves")
 STARTS = ("carried over", "offline", "zero")
 REGULATORS = ("none", *scenario.REGULATORS)
@@ -46,7 +46,7 @@ def theta_of_many_drives(dictionary, drives=12, steps=2500, heading=0.85):
     """
     random = np.random.default_rng(5)
     k = np.arange(steps + 1)
-    estimator = sim.Estimator(f"{dictionary}_ddr", "none", 64, form="sqrt", p0=1e4)
+    estimator = bridge.Estimator(f"{dictionary}_ddr", "none", 64, form="sqrt", p0=1e4)
     for _ in range(drives):
         theta = np.full(steps + 1, heading * random.uniform(-1, 1) * (random.random() < 0.5))
         for _ in range(3):
@@ -55,7 +55,7 @@ def theta_of_many_drives(dictionary, drives=12, steps=2500, heading=0.85):
         v = random.uniform(0.5, 2.5) + random.uniform(0, 0.6) * np.sin(random.uniform(0.02, 0.2) * k[:-1])
         turn = np.clip(np.diff(theta) / scenario.DT, MPC.u_min[1], MPC.u_max[1])
         u = np.stack([np.clip(v, 0, MPC.u_max[0]), turn], axis=1)
-        x = sim.simulate(u, scenario.DT, x0=(0, 0, theta[0]))
+        x = bridge.simulate(u, scenario.DT, x0=(0, 0, theta[0]))
         estimator.replay(x, u)
         estimator.replay(x * (1, -1, -1), u * (1, -1))
     return estimator.theta
@@ -91,7 +91,7 @@ def reference_path(random, kind):
     v = mean + swing * np.sin(random.uniform(0.05, 0.15) * k + random.uniform(0, 2 * np.pi))
     theta = headings(random, kind, k)
     u = np.stack([v[:-1], np.diff(theta) / scenario.DT], axis=1)
-    return sim.simulate(u, scenario.DT, x0=(0, 0, theta[0]))
+    return bridge.simulate(u, scenario.DT, x0=(0, 0, theta[0]))
 
 
 def phases(random):
@@ -103,8 +103,8 @@ def phases(random):
         last = random.choice([phase for phase in range(4) if phase != last])
         for bit, name in enumerate(("pacejka_slip", "stribeck_friction")):
             if last >> bit & 1:
-                usual = np.array(sim.usual_effect(name).parameters)
-                active.append(sim.Effect(name, tuple(usual * random.uniform(0.7, 1.3, len(usual))), begin, end))
+                usual = np.array(bridge.usual_effect(name).parameters)
+                active.append(bridge.Effect(name, tuple(usual * random.uniform(0.7, 1.3, len(usual))), begin, end))
     return active
 
 
@@ -115,7 +115,7 @@ def _first_drive():
 
 def start(dictionary, regulator, precision, form, knows):
     """The estimator as the run begins."""
-    estimator = sim.Estimator(f"{dictionary}_ddr", regulator, precision, form=form)
+    estimator = bridge.Estimator(f"{dictionary}_ddr", regulator, precision, form=form)
     if knows == "carried over":
         estimator.replay(*_first_drive())
     elif knows == "offline":
@@ -141,13 +141,13 @@ def drive(run, model, **settings):
     """Trace of one run: model is guarded, unguarded or offline (the offline model by itself)."""
     theta = theta_of_many_drives(run["dictionary"])
     if model == "offline":
-        estimator = sim.Estimator(f"{run['dictionary']}_ddr", "none", run["precision"])
+        estimator = bridge.Estimator(f"{run['dictionary']}_ddr", "none", run["precision"])
         estimator.theta = theta
     else:
         estimator = start(run["dictionary"], run["regulator"], run["precision"], run["form"], run["start"])
     trace = estimator.control(
         MPC, run["reference"], scenario.DT, STEPS, run["x0"], run["effects"], learn=model != "offline",
-        guard=sim.Guard(theta, **settings) if model == "guarded" else None,
+        guard=bridge.Guard(theta, **settings) if model == "guarded" else None,
     )  # fmt: skip
     trace["error"] = np.linalg.norm(trace["x"][1:] - run["reference"][1 : STEPS + 1], axis=1)
     return trace
@@ -162,7 +162,7 @@ def score(job):
     for model in ("offline", "unguarded", "guarded"):
         trace = drive(run, model)
         row[f"mean_error_{model}"] = float(trace["error"].mean())
-    row |= {f"share_{name.replace(' ', '_')}": float(np.mean(trace["model"] == i)) for i, name in enumerate(sim.MODELS)}
+    row |= {f"share_{name.replace(' ', '_')}": float(np.mean(trace["model"] == i)) for i, name in enumerate(bridge.MODELS)}
     row["changes"] = int(np.count_nonzero(np.diff(trace["model"])))
     row["resets"] = int(trace["resets"][-1])
     return row
@@ -176,7 +176,7 @@ def price(method):
     dictionary, regulator = method
     row = {"dictionary": dictionary, "regulator": regulator}
     path = control.reference_path()
-    for name, guard in (("unguarded", None), ("guarded", sim.Guard(theta_of_many_drives(dictionary)))):
+    for name, guard in (("unguarded", None), ("guarded", bridge.Guard(theta_of_many_drives(dictionary)))):
         estimator = start(dictionary, regulator, 64, "plain", "carried over")
         trace = estimator.control(MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard)
         row[f"mean_error_{name}"] = float(np.linalg.norm(trace["x"][1:] - path[1 : STEPS + 1], axis=1).mean())
@@ -277,7 +277,7 @@ def draw_timeline(out):
     """Vanilla RBF on the path of `make control`: model in use, error, innovation."""
     path = control.reference_path()
     traces = {}
-    for name, guard in (("no guard", None), ("guarded", sim.Guard(theta_of_many_drives("rbf")))):
+    for name, guard in (("no guard", None), ("guarded", bridge.Guard(theta_of_many_drives("rbf")))):
         estimator = start("rbf", "ef", 64, "plain", "carried over")
         traces[name] = estimator.control(
             MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard
@@ -290,7 +290,7 @@ def draw_timeline(out):
         f"Vanilla RBF, ruined before the start: the guard keeps to the path (mean error {mean:.3f})", x=0.01, ha="left"
     )
     axes[0].step(t, model, where="post", color="#08306b", lw=1)
-    axes[0].set_yticks(range(3), sim.MODELS[:3])
+    axes[0].set_yticks(range(3), bridge.MODELS[:3])
     axes[0].set_ylim(3.9, -0.4)
     axes[0].set_ylabel("model in use")
     resets = np.flatnonzero(np.diff(traces["guarded"]["resets"], prepend=0))

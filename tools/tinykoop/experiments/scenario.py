@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 
 DT = 0.05  # s
 STEPS = 5000
@@ -70,17 +70,17 @@ def effects(edges=(1000, 2000, 3000, 4000), dt=DT):
     """Slip and friction as they come and go at the given steps."""
     t = [edge * dt for edge in edges]
     return [
-        sim.usual_effect("pacejka_slip", t[0], t[1]),
-        sim.usual_effect("stribeck_friction", t[1], t[2]),
-        sim.usual_effect("pacejka_slip", t[2], t[3]),
-        sim.usual_effect("stribeck_friction", t[2], t[3]),
+        bridge.usual_effect("pacejka_slip", t[0], t[1]),
+        bridge.usual_effect("stribeck_friction", t[1], t[2]),
+        bridge.usual_effect("pacejka_slip", t[2], t[3]),
+        bridge.usual_effect("stribeck_friction", t[2], t[3]),
     ]
 
 
 def drive(steps=STEPS):
     """States (steps + 1, 3) and commands (steps, 2) of the five-phase run."""
     u = commands(steps)
-    return sim.simulate(u, DT, active=effects()), u
+    return bridge.simulate(u, DT, active=effects()), u
 
 
 def offline_theta(dictionary, steps=STEPS):
@@ -89,18 +89,18 @@ def offline_theta(dictionary, steps=STEPS):
     Fitted on the host, so always in float64; a float32 estimator starts from it rounded.
     """
     u = commands(steps)
-    estimator = sim.Estimator(f"{dictionary}_ddr", "none", 64, p0=OFFLINE_P0)
-    estimator.replay(sim.simulate(u, DT), u)
+    estimator = bridge.Estimator(f"{dictionary}_ddr", "none", 64, p0=OFFLINE_P0)
+    estimator.replay(bridge.simulate(u, DT), u)
     return estimator.theta
 
 
 def run(method, precision, x, u, *, every=0, form="plain", **settings):
     """Replays a run through one method; returns (estimator, trace)."""
     if method.regulator == "offline":
-        estimator = sim.Estimator(f"{method.dictionary}_ddr", "none", precision, form=form, **settings)
+        estimator = bridge.Estimator(f"{method.dictionary}_ddr", "none", precision, form=form, **settings)
         estimator.theta = offline_theta(method.dictionary)
         return estimator, estimator.replay(x, u, learn=False, every=every)
-    estimator = sim.Estimator(f"{method.dictionary}_ddr", method.regulator, precision, form=form, **settings)
+    estimator = bridge.Estimator(f"{method.dictionary}_ddr", method.regulator, precision, form=form, **settings)
     return estimator, estimator.replay(x, u, every=every)
 
 

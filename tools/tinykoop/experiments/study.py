@@ -18,7 +18,7 @@ from importlib import import_module
 import numpy as np
 
 from ..bench import qp
-from ..bridge import sim
+from .. import bridge
 from ..plumbing import plots
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
@@ -87,7 +87,7 @@ class Stage:
     """Some steps of a run: what the controller is, and whether the model learns."""
 
     steps: int
-    mpc: sim.Mpc = control.MPC
+    mpc: bridge.Mpc = control.MPC
     solver: object = None
     learn: bool = True
 
@@ -132,7 +132,7 @@ def scene():
 
 def library(estimator, edit=lambda theta: theta, limit=lambda u: u):
     """The library's solver as a `solver` of Estimator.control, with the model or the input changed on the way."""
-    controller = sim.Controller(control.MPC, 64, estimator.N)
+    controller = bridge.Controller(control.MPC, 64, estimator.N)
 
     def solve(theta, psi, reference):
         solution = controller.solve(edit(theta), psi, reference)
@@ -193,7 +193,7 @@ def osqp_solver(tolerance=1e-5):
 SOLVERS = {
     "Newton 1e-3": lambda: Stage(SOLVER_STEPS, replace(control.MPC, tolerance=1e-3)),
     "gradient 1e-4": lambda: Stage(
-        SOLVER_STEPS, replace(control.MPC, method=sim.MPC_GRADIENT, tolerance=1e-4)
+        SOLVER_STEPS, replace(control.MPC, method=bridge.MPC_GRADIENT, tolerance=1e-4)
     ),
     "DAQP": lambda: Stage(SOLVER_STEPS, solver=daqp_solver()),
     "OSQP 1e-5": lambda: Stage(SOLVER_STEPS, solver=osqp_solver()),
@@ -324,7 +324,7 @@ def _whole(scene, offset, prepare=lambda estimator: None, **changes):
 
 def relearned(estimator, covariance, unit=1.0):
     """A `solver` that learns on its own: vanilla forgetting in NumPy from this P, with px^2 measured in `unit`."""
-    controller = sim.Controller(control.MPC, 64, estimator.N)
+    controller = bridge.Controller(control.MPC, 64, estimator.N)
     theta, P, last = estimator.theta, covariance.copy(), None
     scale = np.ones(estimator.d)
     scale[3] = 1 / unit
@@ -448,7 +448,7 @@ def twins(scene, runs):
 
 def anatomy(scene, trace):
     """What the first steps of a Poly run with every=1 were made of, one value a step: dict of arrays."""
-    psi = sim.Estimator("poly_ddr", "ef", 64).lift(trace["x"])
+    psi = bridge.Estimator("poly_ddr", "ef", 64).lift(trace["x"])
     effects, ahead = scenario.effects(control.EDGES), max(AHEAD) + 1
     parts = {name: [] for name in ("share", "radius", "learned", "true", "condition", "residual")}
     for k in range(TWIN_STEPS):
@@ -502,12 +502,12 @@ def sensitivities(theta, ahead=AHEAD):
 def plant_sensitivities(x, u, active=(), ahead=AHEAD):
     """The same of the simulated robot at x, if u (at least max(ahead) + 1 rows) is what it is given from here on."""
     u = u[: max(ahead) + 1]
-    base = sim.simulate(u, scenario.DT, x, active)
+    base = bridge.simulate(u, scenario.DT, x, active)
     out = np.empty((len(ahead), 3, 2))
     for i in range(2):
         moved = u.copy()
         moved[0, i] += SHIFT
-        out[:, :, i] = ((sim.simulate(moved, scenario.DT, x, active) - base) / SHIFT)[np.array(ahead) + 1]
+        out[:, :, i] = ((bridge.simulate(moved, scenario.DT, x, active) - base) / SHIFT)[np.array(ahead) + 1]
     return out
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..logs import replay
 from ..plumbing import plots
 from ..plumbing.errors import UserError
@@ -64,7 +64,7 @@ def filtered(log, cutoff=CUTOFF):
     """(x, u) of a log after the low-pass; as they are where it is 0."""
     both = np.column_stack([log.x, log.u])
     if cutoff:
-        both = sim.lowpass(both, cutoff, 1 / log.dt, usable=log.usable)
+        both = bridge.lowpass(both, cutoff, 1 / log.dt, usable=log.usable)
     return both[:, : log.x.shape[1]], both[:, log.x.shape[1] :]
 
 
@@ -91,7 +91,7 @@ def read(folder):
 def synthetic():
     """{regime: Flight} of the simulated vehicle."""
     return {
-        regime: joined([replay.unwrapped(sim.fwmav(name, SECONDS, seed)[0], "fwmav") for seed in SEEDS[regime]])
+        regime: joined([replay.unwrapped(bridge.fwmav(name, SECONDS, seed)[0], "fwmav") for seed in SEEDS[regime]])
         for regime, name in REGIMES.items()
     }
 
@@ -115,7 +115,7 @@ def models(flight):
         for p0 in INVERSE_RIDGES:
             estimator = replay.offline_fit(flight, "fwmav", dictionary, usable=fit, p0=p0)
             scores = innovations(estimator, flight)[calibration]
-            candidates.append((float(scores.mean()), estimator.theta, sim.threshold(scores, ETA)))
+            candidates.append((float(scores.mean()), estimator.theta, bridge.threshold(scores, ETA)))
         out[dictionary] = min(candidates, key=lambda c: c[0])[1:]
     return out
 
@@ -123,7 +123,7 @@ def models(flight):
 def learned(method, precision, theta, delta, flight, scored):
     """Trace of one method that begins at theta."""
     online = method.regulator != "offline"
-    estimator = sim.Estimator(
+    estimator = bridge.Estimator(
         f"{method.dictionary}_fwmav", method.regulator if online else "none", precision, form=FORM,
         n_inputs=flight.u.shape[1], lam=LAMBDA, delta=delta,
     )  # fmt: skip

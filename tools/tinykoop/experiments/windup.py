@@ -10,7 +10,7 @@ Three questions, one plot each:
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing import plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing, write_json
 from . import scenario
@@ -97,8 +97,8 @@ def soak():
     jobs = [(form, precision) for form in FORMS for precision in PRECISIONS]
     for form, precision in progress(jobs, "soak, 2 million updates"):
         # the textbook form is left to itself, ours refuse what would break them
-        check = sim.CHECK_REPORT if form == "textbook" else sim.CHECK_DIAGONAL
-        estimator = sim.Estimator("rbf_ddr", "ef", precision, form=form, check=check)
+        check = bridge.CHECK_REPORT if form == "textbook" else bridge.CHECK_DIAGONAL
+        estimator = bridge.Estimator("rbf_ddr", "ef", precision, form=form, check=check)
         repeats = -(-SOAK_UPDATES // len(zeta))
         result = estimator.soak(zeta, target, repeats)
         error = float(np.linalg.norm(estimator.theta - theta) / np.linalg.norm(theta))

@@ -7,7 +7,7 @@ are, too, for the two sizes measured there, and follow the count of multiply-add
 import json
 from pathlib import Path
 
-from ..bridge import sim
+from .. import bridge
 from ..plumbing.errors import UserError
 from ..plumbing.results import print_table
 
@@ -74,7 +74,7 @@ def _significant(value):
 
 def run(lifted, states, inputs, horizon, precision, target):
     """Prints the tables."""
-    reals, size = sim.storage(lifted, states, inputs, horizon), precision // 8
+    reals, size = bridge.storage(lifted, states, inputs, horizon), precision // 8
     rows = {level: _rows(target, level) for level in LEVELS}
     k = "koopf" if precision == 32 else "koopd"
     pair, quad = f"({lifted}, {inputs})", f"({lifted}, {states}, {inputs}, {horizon})"

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bridge import sim
+from .. import bridge
 from ..experiments import transfer
 from ..plumbing import plots
 from ..plumbing.errors import UserError
@@ -42,7 +42,7 @@ def averaged(log):
     count = len(log.t) // rows
     t, x, u = (a[: count * rows].reshape(count, rows, -1).mean(axis=1) for a in (log.t, log.x, log.u))
     usable = np.array([log.usable[k * rows : (k + 2) * rows - 1].all() for k in range(count - 1)], bool)
-    return sim.Log(t[:, 0], x, u, usable, rows * log.dt)
+    return bridge.Log(t[:, 0], x, u, usable, rows * log.dt)
 
 
 def centred(values, usable):
@@ -60,7 +60,7 @@ def innovations(log, kind):
             f"{seconds:.1f} s of whole steps, at least {least:.0f} s are needed (and half of the log); "
             "take a longer log, or check seg and pose_ok"
         )
-    estimator = sim.Estimator("poly_fwmav", "none", 64, form="sqrt", n_inputs=1, p0=INVERSE_RIDGE[kind])
+    estimator = bridge.Estimator("poly_fwmav", "none", 64, form="sqrt", n_inputs=1, p0=INVERSE_RIDGE[kind])
     psi = estimator.lift(np.where(np.isfinite(log.x), log.x, 0))
     now, after = np.column_stack([psi[:-1], log.u[:-1]]), psi[1:]
     estimator.soak(centred(now, log.usable), centred(after, log.usable), 1)

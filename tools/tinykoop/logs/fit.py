@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import bridge
 from ..plumbing.errors import UserError
 from ..plumbing.results import console, output_folder, printable, write_bytes
 from . import replay
@@ -24,7 +25,7 @@ def run(path, target, dictionary="rbf", precision=32, platform=None, p0=1e4):
     output_folder(target.parent)
     log, platform = replay.load(path, platform)
     fitted = replay.offline_fit(log, platform, dictionary, p0=p0)
-    stored = replay.sim.Estimator(f"{dictionary}_{platform}", "none", precision, n_inputs=log.u.shape[1])
+    stored = bridge.Estimator(f"{dictionary}_{platform}", "none", precision, n_inputs=log.u.shape[1])
     stored.theta = fitted.theta
     model = stored.model()
     comment = (

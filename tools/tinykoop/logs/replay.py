@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import platforms
-from ..bridge import sim
+from .. import bridge
 from ..experiments import scenario
 from ..plumbing import plots
 from ..plumbing.errors import UserError
@@ -40,7 +40,7 @@ def unwrapped(log, platform):
 def load(path, platform=None):
     """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
     platform = platform or platforms.of_log(path)
-    log = unwrapped(sim.read_log(path, platform), platform)
+    log = unwrapped(bridge.read_log(path, platform), platform)
     if log.usable.sum() < MIN_USABLE:
         raise UserError(f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok")
     return log, platform
@@ -48,7 +48,7 @@ def load(path, platform=None):
 
 def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0, usable=None):
     """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge."""
-    estimator = sim.Estimator(f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
+    estimator = bridge.Estimator(f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
     estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable, traces=())
     return estimator
 
@@ -86,7 +86,7 @@ def run_log(path, out, platform=None):
         offline[dictionary] = estimator.theta
         psi = estimator.lift(np.where(np.isfinite(log.x), log.x, 0))
         predicted = np.concatenate([psi[:-1], log.u[:-1]], axis=1) @ estimator.theta.T
-        delta[dictionary] = sim.threshold(np.linalg.norm(psi[1:] - predicted, axis=1)[calibrate], ETA)
+        delta[dictionary] = bridge.threshold(np.linalg.norm(psi[1:] - predicted, axis=1)[calibrate], ETA)
 
     rows, errors = [], {}
     for name, error in baselines(log, platform).items():
@@ -95,12 +95,12 @@ def run_log(path, out, platform=None):
     online = {method: method.regulator != "offline" for method in scenario.METHODS}
     jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS if online[method] or not variant[-1]]
     for method, form, precision, gate in progress(jobs, Path(path).stem):
-        estimator = sim.Estimator(
+        estimator = bridge.Estimator(
             f"{method.dictionary}_{platform}", method.regulator if online[method] else "none", precision, form=form,
             n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary], gate=gate,
         )  # fmt: skip
         estimator.theta = offline[method.dictionary]
-        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online[method], traces=("error", *sim.FLAGS))
+        trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online[method], traces=("error", *bridge.FLAGS))
         errors[method, form, precision, gate] = trace["error"]
         gates = method.regulator in ("dz_cs", "dz_ks")
         rows.append(
@@ -119,7 +119,7 @@ def run_log(path, out, platform=None):
                 "delta": delta[method.dictionary] if gates else None,
                 "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online[method] else None,
                 "refused": int((trace["status"] < 0).sum()),
-                "trust": {name: float((trace["trust"][scored] == i).mean()) for i, name in enumerate(sim.TRUST)} if gate else None,
+                "trust": {name: float((trace["trust"][scored] == i).mean()) for i, name in enumerate(bridge.TRUST)} if gate else None,
             }
         )
     with replacing(out / f"replay_{Path(path).stem}.json", rows):
@@ -157,7 +157,7 @@ def report(rows, log, scored):
                 " / ".join(str(v["refused"]) for v in (plain, root, gated) if v),
                 f"{100 * skip:.1f}" if skip is not None else "",
                 number(reference.get("final_P_fro")) if plain else "",
-                " / ".join(f"{100 * gated['trust'][name]:.1f}" for name in sim.TRUST[1:]) if gated else "",
+                " / ".join(f"{100 * gated['trust'][name]:.1f}" for name in bridge.TRUST[1:]) if gated else "",
             ]
         )
     print_table(

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ...bridge import sim
+from ... import bridge
 from ...plumbing import results
 from . import common, library
 
@@ -118,7 +118,7 @@ def _drive(random, K, dt):
 
 
 def _effect(random, name, u):
-    rows, values = sim.effects()[name][1], []
+    rows, values = bridge.effects()[name][1], []
     for i, row in enumerate(rows):
         value = row[4] * np.exp(random.uniform(np.log(0.4), np.log(2.5)))
         if row[2] < 0 and name != "pacejka_slip" and random.random() < 0.5:
@@ -126,7 +126,7 @@ def _effect(random, name, u):
         if name == "saturation":
             value = max(np.max(np.abs(u[:, i])), 0.05) * random.uniform(0.4, 0.95)
         values.append(min(max(value, row[2]), row[3]))
-    return sim.Effect(name, tuple(values))
+    return bridge.Effect(name, tuple(values))
 
 
 def _log(random, name):
@@ -134,7 +134,7 @@ def _log(random, name):
     u = _drive(random, K, dt)
     active = [] if name == "none" else [_effect(random, name, u)]
     x0 = (0.0, 0.0, random.uniform(-np.pi, np.pi))
-    x = sim.simulate(u[:-1], dt, x0, active, sim.ARC)
+    x = bridge.simulate(u[:-1], dt, x0, active, bridge.ARC)
     noise = random.standard_normal((K, 3)) if random.random() < 0.6 else random.standard_t(4, (K, 3)) / np.sqrt(2)
     if random.random() < 0.35:
         rho = random.uniform(0.3, 0.9)
@@ -191,7 +191,7 @@ def _kept(what, settings, without, make):
     """make()'s result, from the build tree if it was made before from the same settings and code."""
     here = Path(__file__).parent
     code = "".join((here / name).read_text() for name in ("boosting.py", "common.py", "library.py"))
-    key = json.dumps([asdict(settings), sorted(without), sim.effects(), version("scikit-learn"), np.__version__, code])
+    key = json.dumps([asdict(settings), sorted(without), bridge.effects(), version("scikit-learn"), np.__version__, code])
     folder = results.output_folder(_CACHE)
     path = folder / f"boosting-{what}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.pickle"
     with open(path.with_suffix(".lock"), "w") as lock:  # one process trains, the others wait for it

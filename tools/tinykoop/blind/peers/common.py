@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
-from ...bridge import sim
+from ... import bridge
 
 HORIZONS = (1, 10, 50)
 WINDOW = 20  # steps that a fit predicts ahead
@@ -31,7 +31,7 @@ class Data:
 
     @classmethod
     def read(cls, path):
-        log = sim.read_log(path)
+        log = bridge.read_log(path)
         return cls.of(log.x, log.u, log.dt, log.usable, (log.t[0], log.t[-1]))
 
     @classmethod
@@ -56,7 +56,7 @@ class Data:
 
     def residual(self, starts, steps, active=()):
         """(S, 3), what the simulator with these effects leaves."""
-        return sim.windows(self.x, self.u, self.dt, starts, [steps], active, integrator=sim.ARC)[1][:, 0]
+        return bridge.windows(self.x, self.u, self.dt, starts, [steps], active, integrator=bridge.ARC)[1][:, 0]
 
     def moved(self, starts, steps):
         """(S, 2), how far the measured position moved, in the axes of the pose at the start [m]."""
@@ -158,7 +158,7 @@ class Fit:
 
     def __init__(self, data, noise, names, steps=WINDOW, stride=4, prior=None, begin=None):
         """prior: standard deviation of the coordinates about zero (None: none); begin: {name: coordinates}."""
-        table = sim.effects()
+        table = bridge.effects()
         self.data, self.names, self.steps, self.prior = data, tuple(names), steps, prior
         self.rows = {name: [row for row in table[name][1]] for name in self.names}
         self.places = [(n, i) for n in self.names for i, r in enumerate(self.rows[n]) if r[0] not in _FIXED.get(n, ())]
@@ -225,7 +225,7 @@ class Fit:
         for value, i in zip(z, (i for n, i in self.places if n == name)):
             values[i] = (1 - value if name == "saturation" else value) * self._unit(name, i)
         low, high = ([row[k] for row in self.rows[name]] for k in (2, 3))
-        return [sim.Effect(name, tuple(np.clip(values, low, high)))]
+        return [bridge.Effect(name, tuple(np.clip(values, low, high)))]
 
     def active(self, z=None):
         """The effects as fitted."""
@@ -295,7 +295,7 @@ def simulator(active):
 
 def candidates(without=()):
     """The vocabulary less the noise and what may not be named."""
-    return [name for name in sim.effects() if name != "measurement_noise" and name not in without]
+    return [name for name in bridge.effects() if name != "measurement_noise" and name not in without]
 
 
 def on_one_core(peer):

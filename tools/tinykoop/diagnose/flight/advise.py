@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...bridge import sim
+from ... import bridge
 from ...plumbing.errors import UserError
 from ..fit import ALWAYS, Cause
 from .innovations import Innovations
@@ -52,7 +52,7 @@ def _separation(healthy, manoeuvre, cause, rival):
 def _flown(healthy, manoeuvre, cause):
     """The Innovations of a simulated flight with this effect; None if it tumbles."""
     try:
-        log, _ = sim.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *cause.active()])
+        log, _ = bridge.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *cause.active()])
     except UserError:
         return None
     return Innovations(Fwmav(), log, healthy.whitener, healthy.base)

@@ -5,7 +5,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ...bridge import sim
+from ... import bridge
 from .gap import predictable
 from .innovations import Innovations, Whitener, settled
 from .search import FlightSearch
@@ -83,11 +83,11 @@ def _of(base, flights):
 @lru_cache(maxsize=4)
 def simulated(vibration=0.0):
     """The Baseline of the simulated vehicle, which shakes this share more than usual."""
-    active = [sim.Effect("vibration", (vibration,), 0.0, np.inf)] if vibration else []
+    active = [bridge.Effect("vibration", (vibration,), 0.0, np.inf)] if vibration else []
     flights = []
     for manoeuvre, seeds in SEEDS.items():
         for seed in seeds:
-            log, _ = sim.fwmav(manoeuvre, SECONDS, seed, active)
+            log, _ = bridge.fwmav(manoeuvre, SECONDS, seed, active)
             flights.append((log, followed(log, active)))
     return _of((), flights)
 
@@ -112,4 +112,4 @@ def of_vehicle(log, base):
 
 def _part(log, first, last):
     """Rows first to last of a log."""
-    return sim.Log(log.t[first:last] - log.t[first], log.x[first:last], log.u[first:last], log.usable[first : last - 1], log.dt)
+    return bridge.Log(log.t[first:last] - log.t[first], log.x[first:last], log.u[first:last], log.usable[first : last - 1], log.dt)

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...bridge import sim
+from ... import bridge
 from ...logs import replay
 from ...plumbing.errors import UserError
 from .. import elsewhere
@@ -34,7 +34,7 @@ class Diagnosis:
     """The report, and what was computed on the way that a page may draw."""
 
     report: dict
-    log: sim.Log
+    log: bridge.Log
     pieces: Innovations
     fit: object
     before: np.ndarray  # (W, H, 9)
@@ -43,13 +43,13 @@ class Diagnosis:
     starts: np.ndarray
     left: tuple  # innovations (K, 9) without and with the effects; the observer knows little in the first second
     healthy: Baseline
-    fresh_log: sim.Log | None = None
+    fresh_log: bridge.Log | None = None
     fresh_errors: tuple = field(default=())
 
 
 def load(path):
     """A flight that is long enough to say something about."""
-    log = replay.unwrapped(sim.read_log(path, "fwmav"), "fwmav")
+    log = replay.unwrapped(bridge.read_log(path, "fwmav"), "fwmav")
     if abs(log.dt * RATE - 1) > 0.02:
         raise UserError(f"{path}: rows come every {log.dt:.4g} s; the simulated vehicle is logged at {RATE:g} Hz: resample to that")
     if log.usable.sum() * log.dt < LEAST_SECONDS:
@@ -77,7 +77,7 @@ def _shaken(log, healthy):
     found = measure(log, healthy)
     if found is None or healthy.base:
         return found, healthy, healthy.whitener
-    (_, _, low, high, _), *_ = sim.effects("fwmav")["vibration"][1]
+    (_, _, low, high, _), *_ = bridge.effects("fwmav")["vibration"][1]
     shaken, (t0, t1) = simulated(float(np.clip(round(found.a, 2), low, high))), found.segment
     if (t0, t1) == (0.0, np.inf):
         return found, shaken, shaken.whitener
@@ -124,9 +124,9 @@ def _floor(healthy, yaw):
 
 
 def diagnose(log, fresh=None, without=(), own=None):
-    """The Diagnosis of a flight (sim.Log); own: a healthy flight of this vehicle, which else is the simulated one."""
+    """The Diagnosis of a flight (bridge.Log); own: a healthy flight of this vehicle, which else is the simulated one."""
     platform = Fwmav()
-    check_effects(without, sim.effects(platform.name))
+    check_effects(without, bridge.effects(platform.name))
     healthy = baseline_of(own) if own is not None else simulated()
     shaking, noise, whiten = _shaken(log, healthy)
     if "vibration" in without:

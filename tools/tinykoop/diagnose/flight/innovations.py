@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...bridge.sim import Effect
+from ...bridge import Effect
 from .vehicle import CHANNELS, follower, observer_gain
 
 LAGS = 12  # rows of the autoregression: two wing beats

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import linalg
 
-from ...bridge import sim
+from ... import bridge
 from ..platform import Parameter
 
 CHANNELS = ("gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z", "roll", "pitch", "yaw")
@@ -30,7 +30,7 @@ class Fwmav:
     def __init__(self):
         self._effects = {
             name: (block, tuple(Parameter(*row) for row in rows))
-            for name, (block, rows) in sim.effects(self.name).items()
+            for name, (block, rows) in bridge.effects(self.name).items()
             if name not in self.not_fitted
         }
 
@@ -71,16 +71,16 @@ def heading(log):
 
 def _linear(dt):
     """(A (16, 16), C (9, 16)) of the hovering vehicle from row to row: what is corrected, and what is sensed of it."""
-    state = sim.FWMAV_STATE
+    state = bridge.FWMAV_STATE
     rigid = [*range(*state["velocity"].indices(99)), *range(7, 10), *range(*state["spin"].indices(99))]
     unit = np.r_[np.ones(3), np.full(3, 0.5), np.ones(3)]  # of a quaternion, half a tilt
-    hover, command, h = sim.fwmav_hover(), np.array([[sim.fwmav_hover()[state["beat"]], 0, 0, 0]]), 1e-4
-    rest = sim.fwmav_roll(hover, command, dt)[1]
+    hover, command, h = bridge.fwmav_hover(), np.array([[bridge.fwmav_hover()[state["beat"]], 0, 0, 0]]), 1e-4
+    rest = bridge.fwmav_roll(hover, command, dt)[1]
     A, C = np.zeros((16, 16)), np.zeros((9, 16))
     for j, i in enumerate(rigid):
         moved = hover.copy()
         moved[i] += h * unit[j]
-        A[:9, j] = (sim.fwmav_roll(moved, command, dt)[1] - rest)[rigid] / unit / h
+        A[:9, j] = (bridge.fwmav_roll(moved, command, dt)[1] - rest)[rigid] / unit / h
     kept = np.exp(-dt / LASTING)
     A[9:15, 9:15] = kept * np.eye(6)
     A[15, 15] = np.exp(-dt / CLIMBING)
@@ -119,7 +119,7 @@ def follower(log, gain):
     yaw, held, y = turns_yaw(log), heading(log), measured(log)
 
     def follow(active=(), push=None, starts=(), steps=()):
-        predicted, ahead = sim.fwmav_follow(log, gain, active, yaw, held, starts, steps, push)
+        predicted, ahead = bridge.fwmav_follow(log, gain, active, yaw, held, starts, steps, push)
         if ahead is not None:
             ends = np.minimum(np.asarray(starts)[:, None] + np.asarray(steps), len(y) - 1)
             ahead = wrapped(y[ends] - ahead)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...bridge import sim
+from ... import bridge
 from ...plumbing.results import number, print_table
 from ..engine import effects
 from ..engine.problem import Problem
@@ -20,7 +20,7 @@ def _bound(value):
 
 def _of_c(platform):
     """Rows of a robot that comes with TinyKoop: [(name, block, parameters)]."""
-    return [(name, block, [tuple(p) for p in rows], "") for name, (block, rows) in sim.effects(platform).items()]
+    return [(name, block, [tuple(p) for p in rows], "") for name, (block, rows) in bridge.effects(platform).items()]
 
 
 def _unit_log(robot):

@@ -1,0 +1,136 @@
+"""The controller of lib/ and its guard."""
+
+import ctypes as ct
+from dataclasses import dataclass
+
+import numpy as np
+
+from .library import DOUBLES, call, check, doubles, rows_of
+
+SOLVER = ct.CFUNCTYPE(ct.c_int, DOUBLES, DOUBLES, DOUBLES, DOUBLES)
+
+
+class _MpcSettings(ct.Structure):
+    _fields_ = [
+        ("horizon", ct.c_size_t),
+        ("q", ct.c_double * 3),
+        ("r", ct.c_double * 2),
+        ("u_min", ct.c_double * 2),
+        ("u_max", ct.c_double * 2),
+        ("tolerance", ct.c_double),
+        ("method", ct.c_int),
+        ("solver", SOLVER),
+    ]
+
+
+class _Solution(ct.Structure):
+    _fields_ = [
+        ("status", ct.c_int),
+        ("iterations", ct.c_size_t),
+        ("residual", ct.c_double),
+        ("microseconds", ct.c_double),
+    ]
+
+
+class _GuardSettings(ct.Structure):
+    _fields_ = [
+        ("offline", DOUBLES),
+        ("least_cosine", ct.c_double),
+        ("least_gain", ct.c_double),
+        ("most_gain", ct.c_double),
+        ("most_error", ct.c_double),
+        ("most_residual", ct.c_double),
+        ("most_tracking", ct.c_double),
+        ("patience", ct.c_size_t),
+        ("renewal", ct.c_size_t),
+    ]
+
+
+MPC_NEWTON, MPC_GRADIENT = 0, 1
+
+
+@dataclass(frozen=True)
+class Mpc:
+    """Koopman-MPC of the DDR; the defaults are the paper's."""
+
+    horizon: int = 50
+    q: tuple = (20.0, 20.0, 3.0)  # diagonal of Q
+    r: tuple = (0.05, 0.08)  # diagonal of R
+    u_min: tuple = (0.0, -1.2)  # m/s, rad/s
+    u_max: tuple = (3.5, 1.2)
+    tolerance: float = 0.0  # of the KKT residual; 0: the library's
+    method: int = MPC_NEWTON
+
+    def settings(self, solver=SOLVER()):
+        return _MpcSettings(
+            self.horizon, (ct.c_double * 3)(*self.q), (ct.c_double * 2)(*self.r), (ct.c_double * 2)(*self.u_min),
+            (ct.c_double * 2)(*self.u_max), self.tolerance, self.method, solver,
+        )  # fmt: skip
+
+
+MODELS = ("online", "last good", "offline", "none")  # what the guard plans on, KOOP_GUARD_...
+
+
+@dataclass(frozen=True)
+class Guard:
+    """The guard with its offline model (N, N+2); zeros mean the library's defaults."""
+
+    offline: np.ndarray
+    least_cosine: float = 0.0
+    least_gain: float = 0.0
+    most_gain: float = 0.0
+    most_error: float = 0.0
+    most_residual: float = 0.0
+    most_tracking: float = 0.0
+    patience: int = 0
+    renewal: int = 0
+
+    def settings(self, shape):
+        offline = rows_of(self.offline)
+        if offline.shape != shape:
+            raise ValueError(f"expected an offline model of shape {shape}, got {offline.shape}")
+        settings = _GuardSettings(
+            doubles(offline), self.least_cosine, self.least_gain, self.most_gain, self.most_error,
+            self.most_residual, self.most_tracking, self.patience, self.renewal,
+        )  # fmt: skip
+        settings.keep = offline
+        return ct.byref(settings)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What one solve gave: status (not 0: no plan, the safe input), plan (horizon, 2) [m/s, rad/s]."""
+
+    status: int
+    plan: np.ndarray
+    residual: float  # KKT, in units of the inputs
+    iterations: int
+    microseconds: float  # condensing and solving, wall time
+
+
+class Controller:
+    """The library's Koopman-MPC by itself, for problems that were written down; N lifted states."""
+
+    def __init__(self, mpc, precision, N):
+        self._handle = ct.c_void_p()
+        self._shapes = ((N, N + 2), (N,), (mpc.horizon, 3))
+        settings = mpc.settings()
+        check("tk_controller_new", ct.byref(settings), ct.c_int(precision), ct.c_size_t(N), ct.byref(self._handle))
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            call("tk_controller_free", self._handle)
+
+    def reset(self):
+        """Forgets the plan: the next solve is a cold one."""
+        check("tk_controller_reset", self._handle)
+
+    def solve(self, theta, psi, reference):
+        """Plans from psi (N) along reference (horizon, 3) on theta (N, N+2); starts from the last plan, shifted."""
+        arrays = [rows_of(array) for array in (theta, psi, reference)]
+        for array, shape in zip(arrays, self._shapes):
+            if array.shape != shape:
+                raise ValueError(f"expected shape {shape}, got {array.shape}")
+        plan, solution = np.empty((self._shapes[2][0], 2)), _Solution()
+        check("tk_controller_solve", self._handle, *map(doubles, arrays), doubles(plan), ct.byref(solution))
+        return Solution(solution.status, plan, solution.residual, solution.iterations, solution.microseconds)

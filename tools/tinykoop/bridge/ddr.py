@@ -1,0 +1,71 @@
+"""The differential-drive robot of host_sim/."""
+
+import ctypes as ct
+
+import numpy as np
+
+from .unmodelled import active_effects
+from .library import address, check, doubles, rows_of
+
+EULER, MIDPOINT, ARC, SEMI_IMPLICIT = 0, 1, 2, 3  # integrators; the paper's is Euler
+
+
+class _Recording(ct.Structure):
+    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", ct.c_void_p), ("u", ct.c_void_p), ("usable", ct.c_void_p), ("warm_up", ct.c_size_t)]
+
+
+def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
+    """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
+    u = rows_of(u, 2)
+    x0 = rows_of(x0)
+    x = np.empty((len(u) + 1, 3))
+    c_effects = active_effects(active)
+    check(
+        "tk_ddr_simulate", c_effects, ct.c_size_t(len(active)), ct.c_int(integrator), ct.c_double(dt),
+        ct.c_size_t(len(u)), doubles(x0), doubles(u), doubles(x),
+    )  # fmt: skip
+    return x
+
+
+LONG = 20_000  # rows, of a log that is rolled as a whole
+WARM_UP = 30.0  # s: ten time constants of the slowest lag that can be
+
+
+class Rollouts:
+    """A log's measured poses x (K, 3), predicted from its commands u (K or K-1, 2) in windows of their own.
+
+    A window begins at the pose measured in a row of `starts` (S); `steps` (n) says how many steps later
+    it is compared. Actuator states are rolled over the whole log, or if it is LONG from WARM_UP before each window, through
+    what is not usable (K-1) too.
+    Arrays are kept, not copied: they are to stay as they are.
+    """
+
+    def __init__(self, x, u, dt, starts, steps, usable=None, integrator=EULER):
+        x, u = rows_of(x, 3), rows_of(u, 2)
+        starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
+        usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
+        if len(u) not in (len(x), len(x) - 1) or (usable is not None and len(usable) != len(x) - 1):
+            raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
+        self._predicted, self._residual = np.empty((2, len(starts), len(steps), 3))
+        self._kept = x, u, usable, starts, steps  # what the addresses are of
+        warm_up = max(int(min(WARM_UP / dt, len(x))), 1) if len(x) > LONG and dt > 0 else 0
+        log = _Recording(len(x), dt, address(x), address(u), address(usable), warm_up)
+        self._arguments = (
+            ct.c_int(integrator), ct.byref(log),
+            ct.c_size_t(len(starts)), address(starts), ct.c_size_t(len(steps)), address(steps),
+            address(self._predicted), address(self._residual),
+        )  # fmt: skip
+
+    def predict(self, active=()):
+        """predicted (S, n, 3) [m, m, rad] and residual (S, n, 3), both until the next call.
+
+        The residual is measured less predicted: along, across [m, in the axes of the pose measured at the
+        start] and heading [rad, wrapped]; NaN where an unusable transition, or the end of the log, lies between.
+        """
+        check("tk_windows", active_effects(active), ct.c_size_t(len(active)), *self._arguments)
+        return self._predicted, self._residual
+
+
+def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):
+    """What Rollouts predict with one set of effects."""
+    return Rollouts(x, u, dt, starts, steps, usable, integrator).predict(active)

@@ -1,0 +1,267 @@
+"""The estimators of lib/, in both precisions: replays, closed loops, calibration."""
+
+import ctypes as ct
+
+import numpy as np
+
+from .control import SOLVER
+from .unmodelled import active_effects
+from .library import DOUBLES, INTS, call, check, doubles, ints, rows_of
+
+CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
+
+# What a replay writes down, with one row for each transition.
+FLAGS = ("status", "gated", "positive_definite", "trust")
+TRUST = ("trusted", "doubtful", "refuse")  # what `trust` counts
+TRACES = ("error", "predicted", "innovation", *FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
+
+
+class _Settings(ct.Structure):
+    _fields_ = [
+        ("dictionary", ct.c_char_p),
+        ("regulator", ct.c_char_p),
+        ("form", ct.c_char_p),
+        ("precision", ct.c_int),
+        ("check", ct.c_int),
+        ("n_inputs", ct.c_int),
+        ("lam", ct.c_double),
+        ("p0", ct.c_double),
+        ("delta", ct.c_double),
+        ("tau0", ct.c_double),
+        ("eps_sift", ct.c_double),
+        ("gate", ct.c_int),
+    ]
+
+
+class _Trace(ct.Structure):
+    _fields_ = [
+        ("error", DOUBLES),
+        ("predicted", DOUBLES),
+        ("innovation", DOUBLES),
+        ("status", INTS),
+        ("gated", INTS),
+        ("positive_definite", INTS),
+        ("trust", INTS),
+        ("trace", DOUBLES),
+        ("min_diagonal", DOUBLES),
+        ("norm_a", DOUBLES),
+        ("norm_b", DOUBLES),
+        ("norm_p", DOUBLES),
+        ("every", ct.c_size_t),
+        ("theta", DOUBLES),
+        ("covariance", DOUBLES),
+    ]
+
+
+class _ControlTrace(ct.Structure):
+    _fields_ = [
+        ("x", DOUBLES),
+        ("u", DOUBLES),
+        ("status", INTS),
+        ("residual", DOUBLES),
+        ("iterations", INTS),
+        ("solve_us", DOUBLES),
+        ("innovation", DOUBLES),
+        ("model", INTS),
+        ("resets", INTS),
+        ("every", ct.c_size_t),
+        ("theta", DOUBLES),
+        ("covariance", DOUBLES),
+    ]
+
+
+class _Soak(ct.Structure):
+    _fields_ = [
+        ("updates", ct.c_uint64),
+        ("refused", ct.c_uint64),
+        ("lost_positive_definite_at", ct.c_int64),
+        ("non_finite_at", ct.c_int64),
+    ]
+
+
+class Estimator:
+    """lib/ in float32 or float64.
+
+    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: none, ef,
+    dz_cs, dz_ks, ct, sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
+    check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
+    gate: replays learn through the gate, with its defaults.
+    """
+
+    def __init__(self, dictionary, regulator, precision, *, form="plain", n_inputs=2, lam=0.98, p0=100.0,
+                 delta=0.01, tau0=0.0, eps_sift=0.0, check=CHECK_REPORT, gate=False):  # fmt: skip
+        settings = _Settings(
+            dictionary.encode(), regulator.encode(), form.encode(), precision, check, n_inputs, lam, p0,
+            delta, tau0, eps_sift, gate,
+        )  # fmt: skip
+        self._handle = ct.c_void_p()
+        check("tk_estimator_new", ct.byref(settings), ct.byref(self._handle))
+        n, N, m = ct.c_size_t(), ct.c_size_t(), ct.c_size_t()
+        check("tk_estimator_sizes", self._handle, ct.byref(n), ct.byref(N), ct.byref(m))
+        self.n, self.N, self.m = n.value, N.value, m.value
+        self.dtype = np.float32 if precision == 32 else np.float64
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            call("tk_estimator_free", self._handle)
+
+    @property
+    def d(self):
+        """Number of regressors, N + m."""
+        return self.N + self.m
+
+    @property
+    def theta(self):
+        """Theta = [A B], (N, N+m)."""
+        theta = np.empty((self.N, self.d))
+        check("tk_estimator_get_theta", self._handle, doubles(theta))
+        return theta
+
+    @theta.setter
+    def theta(self, value):
+        value = rows_of(value, self.d)
+        check("tk_estimator_set_theta", self._handle, doubles(value))
+
+    @property
+    def covariance(self):
+        """P, (N+m, N+m)."""
+        P = np.empty((self.d, self.d))
+        check("tk_estimator_get_covariance", self._handle, doubles(P))
+        return P
+
+    def reset_covariance(self, p0):
+        """Starts P again as p0 I and keeps Theta."""
+        check("tk_estimator_reset_covariance", self._handle, ct.c_double(p0))
+
+    def model(self):
+        """The bytes that koopf_model_load() or koopd_model_load() takes."""
+        size = ct.c_size_t()
+        check("tk_estimator_model", self._handle, None, ct.byref(size))
+        buffer = ct.create_string_buffer(size.value)
+        check("tk_estimator_model", self._handle, buffer, ct.byref(size))
+        return buffer.raw
+
+    def lift(self, x):
+        """Psi(x), (K, N), of states x (K, n), lifted in this precision."""
+        x = rows_of(x, self.n)
+        psi = np.empty((len(x), self.N))
+        check("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
+        return psi
+
+    def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES):
+        """Feeds states x (K+1, n) and inputs u (K, m) through the estimator; returns a dict of traces.
+
+        usable (K): which transitions may be learned from and scored. traces: names of TRACES, all by
+        default; predicted has n columns. norm_a, norm_b, norm_p and positive_definite cost many times the
+        update, so long replays name the others. With every > 0 also theta and covariance before each
+        transition k with k % every == 0.
+        """
+        x, u = rows_of(x, self.n), rows_of(u, self.m)
+        K = len(u)
+        if len(x) != K + 1:
+            raise ValueError(f"{len(x)} states do not go with {K} inputs")
+        if unknown := set(traces) - set(TRACES):
+            raise ValueError(f"there are no traces named {sorted(unknown)}, only {TRACES}")
+        out = {name: np.empty(K, np.int32 if name in FLAGS else np.float64) for name in traces if name != "predicted"}
+        if "predicted" in traces:
+            out["predicted"] = np.empty((K, self.n))
+        if every:
+            count = -(-K // every)
+            out["theta"] = np.empty((count, self.N, self.d))
+            out["covariance"] = np.empty((count, self.d, self.d))
+        c_trace = _Trace(every=every)
+        for name, array in out.items():
+            setattr(c_trace, name, ints(array) if array.dtype == np.int32 else doubles(array))
+        usable = None if usable is None else np.ascontiguousarray(usable, dtype=np.int32)
+        check(
+            "tk_replay", self._handle, ct.c_size_t(K), doubles(x), doubles(u), ints(usable),
+            ct.c_int(learn), ct.byref(c_trace),
+        )  # fmt: skip
+        return out
+
+    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0, solver=None, guard=None):
+        """Drives the DDR along `reference` (steps + horizon + 1, 3) with Koopman-MPC on this model.
+
+        solver(theta (N, N+2), psi (N), reference (horizon, 3)) -> u (2) or None: plans in the
+        library's place; None is a fallback to the safe input (0, 0).
+
+        guard: a Guard; the traces then have model (index into MODELS) and resets (of the learner, so far).
+
+        Returns a dict of traces, one row for each step: u, status (not 0: the safe input was
+        given), residual (KKT), iterations, solve_us, innovation; x has one row more; with every > 0 theta and
+        covariance as in replay().
+        """
+        reference, x0 = rows_of(reference, 3), rows_of(x0)
+        if len(reference) < steps + mpc.horizon + 1:
+            raise ValueError(f"{len(reference)} rows of reference do not cover {steps} steps and the horizon")
+        out = {"x": np.empty((steps + 1, 3)), "u": np.empty((steps, 2))}
+        out |= {name: np.empty(steps) for name in ("residual", "solve_us", "innovation")}
+        out |= {name: np.empty(steps, np.int32) for name in ("status", "iterations")}
+        out |= {name: np.empty(steps, np.int32) for name in ("model", "resets") if guard}
+        if every:
+            count = -(-steps // every)
+            out["theta"] = np.empty((count, self.N, self.d))
+            out["covariance"] = np.empty((count, self.d, self.d))
+        c_trace = _ControlTrace(every=every)
+        for name, array in out.items():
+            setattr(c_trace, name, ints(array) if array.dtype == np.int32 else doubles(array))
+        settings = mpc.settings(self._callback(solver, mpc.horizon) if solver else SOLVER())
+        check(
+            "tk_control", self._handle, ct.byref(settings), active_effects(active), ct.c_size_t(len(active)),
+            ct.c_double(dt), ct.c_size_t(steps), doubles(x0), doubles(reference), ct.c_int(learn),
+            guard.settings((self.N, self.d)) if guard else None, ct.byref(c_trace),
+        )  # fmt: skip
+        return out
+
+    def _callback(self, solver, horizon):
+        shapes = ((self.N, self.d), (self.N,), (horizon, 3))
+
+        def call(theta, psi, reference, u):
+            arrays = (theta, psi, reference)
+            result = solver(*(np.ctypeslib.as_array(a, shape) for a, shape in zip(arrays, shapes)))
+            if result is None:
+                return 1
+            u[0], u[1] = result
+            return 0
+
+        return SOLVER(call)
+
+    def soak(self, zeta, target, repeats):
+        """Learns from rows zeta (K, N+m) -> target (K, N), `repeats` times over; returns counts."""
+        zeta, target = rows_of(zeta, self.d), rows_of(target, self.N)
+        result = _Soak()
+        check(
+            "tk_estimator_soak", self._handle, ct.c_size_t(len(zeta)), doubles(zeta), doubles(target),
+            ct.c_size_t(repeats), ct.byref(result),
+        )  # fmt: skip
+        at = {name: getattr(result, name) for name in ("lost_positive_definite_at", "non_finite_at")}
+        return {
+            "updates": result.updates,
+            "refused": result.refused,
+            **{name: value if value >= 0 else None for name, value in at.items()},
+        }
+
+
+def lowpass(x, cutoff, rate, precision=64, usable=None):
+    """lib/'s low-pass of `cutoff` (Hz) over the columns of x (K, n), sampled at `rate` (Hz), from the past alone.
+
+    Begins anew after transitions that are not usable (K - 1).
+    """
+    x = rows_of(x)
+    if x.ndim != 2:
+        raise ValueError(f"expected columns, got shape {x.shape}")
+    y = np.empty_like(x)
+    usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
+    check(
+        "tk_lowpass", ct.c_int(precision), ct.c_double(cutoff), ct.c_double(rate), ct.c_size_t(len(x)),
+        ct.c_size_t(x.shape[1]), doubles(x), ints(usable), doubles(y),
+    )  # fmt: skip
+    return y
+
+
+def threshold(scores, eta=0.75):
+    """Dead-zone threshold calibrated on innovations of a source run: their eta-quantile (paper, remark)."""
+    scores = np.array(scores, dtype=np.float64)
+    delta = ct.c_double()
+    check("tk_threshold", doubles(scores), ct.c_size_t(len(scores)), ct.c_double(eta), ct.byref(delta))
+    return delta.value

@@ -1,0 +1,66 @@
+"""The shared library of host_sim/ by ctypes: how it is found and called, and how arrays are passed.
+
+Arrays are float64 and row-major whatever precision the estimator works in. What the C side
+refuses is raised as UserError with its message.
+"""
+
+import ctypes as ct
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..plumbing.errors import UserError
+
+# The variable is for a build with sanitizers.
+_LIBRARY = Path(os.environ.get("TINYKOOP_SIM", Path(__file__).resolve().parents[3] / "build/host/host_sim/libtinykoop_sim.so"))
+
+DOUBLES = ct.POINTER(ct.c_double)
+INTS = ct.POINTER(ct.c_int32)
+
+
+def _load():
+    if not _LIBRARY.exists():
+        raise UserError(f"{_LIBRARY.name} is not built: run `make build` first")
+    c = ct.CDLL(str(_LIBRARY))
+    for name in ("tk_message", "tk_effect_name"):
+        getattr(c, name).restype = ct.c_char_p
+    for name in ("tk_effect_parameters", "tk_log_rows"):
+        getattr(c, name).restype = ct.c_size_t
+    c.tk_log_dt.restype = ct.c_double
+    return c
+
+
+_c = None
+
+
+def call(name, *arguments):
+    global _c
+    if _c is None:
+        _c = _load()
+    return getattr(_c, name)(*arguments)
+
+
+def check(name, *arguments):
+    if call(name, *arguments) != 0:
+        raise UserError(call("tk_message").decode("utf-8", "backslashreplace"))
+
+
+def rows_of(array, columns=None):
+    array = np.ascontiguousarray(array, dtype=np.float64)
+    if columns is not None and (array.ndim != 2 or array.shape[1] != columns):
+        raise ValueError(f"expected an array of {columns} columns, got shape {array.shape}")
+    return array
+
+
+def doubles(array):
+    return None if array is None else array.ctypes.data_as(DOUBLES)
+
+
+def ints(array):
+    return None if array is None else array.ctypes.data_as(INTS)
+
+
+def address(array):
+    """As doubles(), in a third of the time, for arrays of any type that the caller keeps."""
+    return None if array is None else ct.c_void_p(array.ctypes.data)

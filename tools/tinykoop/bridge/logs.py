@@ -1,0 +1,48 @@
+"""Logs of the robots that come with TinyKoop."""
+
+import ctypes as ct
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import platforms
+from ..plumbing.results import sweep
+from .library import call, check, doubles, ints, rows_of
+
+
+@dataclass
+class Log:
+    """A log as the contract has it. usable[k]: transition k -> k + 1 is neither masked nor across a gap."""
+
+    t: np.ndarray  # (K,) s
+    x: np.ndarray  # (K, n)
+    u: np.ndarray  # (K, m)
+    usable: np.ndarray  # (K - 1,) bool
+    dt: float  # s
+
+
+def read_log(path, platform="ddr"):
+    """Reads a CSV log; a bad one is refused with file, line and column."""
+    handle = ct.c_void_p()
+    check("tk_log_read", os.fsencode(path), platform.encode(), ct.byref(handle))
+    try:
+        K = call("tk_log_rows", handle)
+        n, m = platforms.sizes(platform)
+        t, x, u = np.empty(K), np.empty((K, n)), np.empty((K, m))
+        usable = np.empty(K - 1, np.int32)
+        check("tk_log_get", handle, doubles(t), doubles(x), doubles(u), ints(usable))
+        return Log(t, x, u, usable.astype(bool), call("tk_log_dt", handle))
+    finally:
+        call("tk_log_free", handle)
+
+
+def write_log(path, x, u, dt, platform="ddr"):
+    """Writes states x (K, n) and inputs u (K, m), t = k dt."""
+    sweep(path)
+    n, m = platforms.sizes(platform)
+    x, u = rows_of(x, n), rows_of(u, m)
+    check(
+        "tk_log_write", os.fsencode(path), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),
+        doubles(x), doubles(u),
+    )  # fmt: skip

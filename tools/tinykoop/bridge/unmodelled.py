@@ -1,0 +1,65 @@
+"""Unmodelled effects of host_sim/: what there is, and which act."""
+
+import ctypes as ct
+from dataclasses import dataclass
+from functools import cache
+
+from .. import platforms
+from .library import call, check
+
+MAX_PARAMETERS = 6
+
+
+class _Active(ct.Structure):
+    _fields_ = [
+        ("effect", ct.c_char_p),
+        ("n_parameters", ct.c_size_t),
+        ("parameters", ct.c_double * MAX_PARAMETERS),
+        ("t0", ct.c_double),
+        ("t1", ct.c_double),
+    ]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An unmodelled effect acting on [t0, t1), s from the first row."""
+
+    name: str
+    parameters: tuple
+    t0: float = 0.0
+    t1: float = float("inf")
+
+
+def effects(platform="ddr"):
+    """{name: (block, ((parameter, unit, low, high, usual), ..))} of every effect, in the order of action."""
+    platforms.check(platform)
+    return dict(_effects(platform))
+
+
+@cache
+def _effects(platform):
+    table, c_platform = {}, platform.encode()
+    while name := call("tk_effect_name", c_platform, ct.c_size_t(len(table))):
+        place = (c_platform, ct.c_size_t(len(table)))
+        rows = []
+        for p in range(call("tk_effect_parameters", *place)):
+            parameter, unit = ct.c_char_p(), ct.c_char_p()
+            low, high, usual = ct.c_double(), ct.c_double(), ct.c_double()
+            check(
+                "tk_effect_parameter", *place, ct.c_size_t(p), ct.byref(parameter), ct.byref(unit),
+                ct.byref(low), ct.byref(high), ct.byref(usual),
+            )  # fmt: skip
+            rows.append((parameter.value.decode(), unit.value.decode(), low.value, high.value, usual.value))
+        block = ("actuator", "plant", "sensor")[call("tk_effect_block", *place)]
+        table[name.decode()] = (block, tuple(rows))
+    return table
+
+
+def usual_effect(name, t0=0.0, t1=float("inf"), platform="ddr"):
+    """The effect with its usual parameters."""
+    return Effect(name, tuple(row[4] for row in effects(platform)[name][1]), t0, t1)
+
+
+def active_effects(active):
+    rows = [(e.name.encode(), len(e.parameters), e.parameters[:MAX_PARAMETERS], e.t0, e.t1) for e in active]
+    return (_Active * max(len(rows), 1))(*rows)

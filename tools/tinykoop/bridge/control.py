@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .library import DOUBLES, call, check, doubles, rows_of
+from .library import DOUBLES, call, doubles, raw, rows_of
 
 SOLVER = ct.CFUNCTYPE(ct.c_int, DOUBLES, DOUBLES, DOUBLES, DOUBLES)
 
@@ -115,15 +115,15 @@ class Controller:
         self._handle = ct.c_void_p()
         self._shapes = ((N, N + 2), (N,), (mpc.horizon, 3))
         settings = mpc.settings()
-        check("tk_controller_new", ct.byref(settings), ct.c_int(precision), ct.c_size_t(N), ct.byref(self._handle))
+        call("tk_controller_new", ct.byref(settings), ct.c_int(precision), ct.c_size_t(N), ct.byref(self._handle))
 
     def __del__(self):
         if getattr(self, "_handle", None):
-            call("tk_controller_free", self._handle)
+            raw("tk_controller_free", self._handle)
 
     def reset(self):
         """Forgets the plan: the next solve is a cold one."""
-        check("tk_controller_reset", self._handle)
+        call("tk_controller_reset", self._handle)
 
     def solve(self, theta, psi, reference):
         """Plans from psi (N) along reference (horizon, 3) on theta (N, N+2); starts from the last plan, shifted."""
@@ -132,5 +132,5 @@ class Controller:
             if array.shape != shape:
                 raise ValueError(f"expected shape {shape}, got {array.shape}")
         plan, solution = np.empty((self._shapes[2][0], 2)), _Solution()
-        check("tk_controller_solve", self._handle, *map(doubles, arrays), doubles(plan), ct.byref(solution))
+        call("tk_controller_solve", self._handle, *map(doubles, arrays), doubles(plan), ct.byref(solution))
         return Solution(solution.status, plan, solution.residual, solution.iterations, solution.microseconds)

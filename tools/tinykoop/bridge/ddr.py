@@ -5,7 +5,7 @@ import ctypes as ct
 import numpy as np
 
 from .unmodelled import active_effects
-from .library import address, check, doubles, rows_of
+from .library import address, call, doubles, rows_of
 
 EULER, MIDPOINT, ARC, SEMI_IMPLICIT = 0, 1, 2, 3  # integrators; the paper's is Euler
 
@@ -20,7 +20,7 @@ def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     x0 = rows_of(x0)
     x = np.empty((len(u) + 1, 3))
     c_effects = active_effects(active)
-    check(
+    call(
         "tk_ddr_simulate", c_effects, ct.c_size_t(len(active)), ct.c_int(integrator), ct.c_double(dt),
         ct.c_size_t(len(u)), doubles(x0), doubles(u), doubles(x),
     )  # fmt: skip
@@ -62,7 +62,7 @@ class Rollouts:
         The residual is measured less predicted: along, across [m, in the axes of the pose measured at the
         start] and heading [rad, wrapped]; NaN where an unusable transition, or the end of the log, lies between.
         """
-        check("tk_windows", active_effects(active), ct.c_size_t(len(active)), *self._arguments)
+        call("tk_windows", active_effects(active), ct.c_size_t(len(active)), *self._arguments)
         return self._predicted, self._residual
 
 

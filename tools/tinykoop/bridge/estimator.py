@@ -6,7 +6,7 @@ import numpy as np
 
 from .control import SOLVER
 from .unmodelled import active_effects
-from .library import DOUBLES, INTS, call, check, doubles, ints, rows_of
+from .library import DOUBLES, INTS, call, doubles, ints, raw, rows_of
 
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
 
@@ -95,15 +95,15 @@ class Estimator:
             delta, tau0, eps_sift, gate,
         )  # fmt: skip
         self._handle = ct.c_void_p()
-        check("tk_estimator_new", ct.byref(settings), ct.byref(self._handle))
+        call("tk_estimator_new", ct.byref(settings), ct.byref(self._handle))
         n, N, m = ct.c_size_t(), ct.c_size_t(), ct.c_size_t()
-        check("tk_estimator_sizes", self._handle, ct.byref(n), ct.byref(N), ct.byref(m))
+        call("tk_estimator_sizes", self._handle, ct.byref(n), ct.byref(N), ct.byref(m))
         self.n, self.N, self.m = n.value, N.value, m.value
         self.dtype = np.float32 if precision == 32 else np.float64
 
     def __del__(self):
         if getattr(self, "_handle", None):
-            call("tk_estimator_free", self._handle)
+            raw("tk_estimator_free", self._handle)
 
     @property
     def d(self):
@@ -114,38 +114,38 @@ class Estimator:
     def theta(self):
         """Theta = [A B], (N, N+m)."""
         theta = np.empty((self.N, self.d))
-        check("tk_estimator_get_theta", self._handle, doubles(theta))
+        call("tk_estimator_get_theta", self._handle, doubles(theta))
         return theta
 
     @theta.setter
     def theta(self, value):
         value = rows_of(value, self.d)
-        check("tk_estimator_set_theta", self._handle, doubles(value))
+        call("tk_estimator_set_theta", self._handle, doubles(value))
 
     @property
     def covariance(self):
         """P, (N+m, N+m)."""
         P = np.empty((self.d, self.d))
-        check("tk_estimator_get_covariance", self._handle, doubles(P))
+        call("tk_estimator_get_covariance", self._handle, doubles(P))
         return P
 
     def reset_covariance(self, p0):
         """Starts P again as p0 I and keeps Theta."""
-        check("tk_estimator_reset_covariance", self._handle, ct.c_double(p0))
+        call("tk_estimator_reset_covariance", self._handle, ct.c_double(p0))
 
     def model(self):
         """The bytes that koopf_model_load() or koopd_model_load() takes."""
         size = ct.c_size_t()
-        check("tk_estimator_model", self._handle, None, ct.byref(size))
+        call("tk_estimator_model", self._handle, None, ct.byref(size))
         buffer = ct.create_string_buffer(size.value)
-        check("tk_estimator_model", self._handle, buffer, ct.byref(size))
+        call("tk_estimator_model", self._handle, buffer, ct.byref(size))
         return buffer.raw
 
     def lift(self, x):
         """Psi(x), (K, N), of states x (K, n), lifted in this precision."""
         x = rows_of(x, self.n)
         psi = np.empty((len(x), self.N))
-        check("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
+        call("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
         return psi
 
     def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES):
@@ -173,7 +173,7 @@ class Estimator:
         for name, array in out.items():
             setattr(c_trace, name, ints(array) if array.dtype == np.int32 else doubles(array))
         usable = None if usable is None else np.ascontiguousarray(usable, dtype=np.int32)
-        check(
+        call(
             "tk_replay", self._handle, ct.c_size_t(K), doubles(x), doubles(u), ints(usable),
             ct.c_int(learn), ct.byref(c_trace),
         )  # fmt: skip
@@ -206,7 +206,7 @@ class Estimator:
         for name, array in out.items():
             setattr(c_trace, name, ints(array) if array.dtype == np.int32 else doubles(array))
         settings = mpc.settings(self._callback(solver, mpc.horizon) if solver else SOLVER())
-        check(
+        call(
             "tk_control", self._handle, ct.byref(settings), active_effects(active), ct.c_size_t(len(active)),
             ct.c_double(dt), ct.c_size_t(steps), doubles(x0), doubles(reference), ct.c_int(learn),
             guard.settings((self.N, self.d)) if guard else None, ct.byref(c_trace),
@@ -230,7 +230,7 @@ class Estimator:
         """Learns from rows zeta (K, N+m) -> target (K, N), `repeats` times over; returns counts."""
         zeta, target = rows_of(zeta, self.d), rows_of(target, self.N)
         result = _Soak()
-        check(
+        call(
             "tk_estimator_soak", self._handle, ct.c_size_t(len(zeta)), doubles(zeta), doubles(target),
             ct.c_size_t(repeats), ct.byref(result),
         )  # fmt: skip
@@ -252,7 +252,7 @@ def lowpass(x, cutoff, rate, precision=64, usable=None):
         raise ValueError(f"expected columns, got shape {x.shape}")
     y = np.empty_like(x)
     usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
-    check(
+    call(
         "tk_lowpass", ct.c_int(precision), ct.c_double(cutoff), ct.c_double(rate), ct.c_size_t(len(x)),
         ct.c_size_t(x.shape[1]), doubles(x), ints(usable), doubles(y),
     )  # fmt: skip
@@ -263,5 +263,5 @@ def threshold(scores, eta=0.75):
     """Dead-zone threshold calibrated on innovations of a source run: their eta-quantile (paper, remark)."""
     scores = np.array(scores, dtype=np.float64)
     delta = ct.c_double()
-    check("tk_threshold", doubles(scores), ct.c_size_t(len(scores)), ct.c_double(eta), ct.byref(delta))
+    call("tk_threshold", doubles(scores), ct.c_size_t(len(scores)), ct.c_double(eta), ct.byref(delta))
     return delta.value

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..plumbing.errors import UserError
 from .unmodelled import active_effects
-from .library import check, doubles, ints, rows_of
+from .library import call, doubles, ints, rows_of
 from .logs import Log
 
 class _Flight(ct.Structure):
@@ -40,7 +40,7 @@ def fwmav(manoeuvre, seconds, seed, active=(), noise=1.0):
         raise UserError(f"seed is {seed}, it must be between 0 and 2^64 - 1")
     rows = round(seconds * _FWMAV_HZ)
     x, u, states = np.empty((rows, 10)), np.empty((rows, 1)), np.empty((rows, _FWMAV_STATES))
-    check(
+    call(
         "tk_fwmav_fly", active_effects(active), ct.c_size_t(len(active)),
         ct.byref(_Flight(manoeuvre.encode(), seed, noise)), ct.c_size_t(rows), doubles(x), doubles(u), doubles(states),
     )  # fmt: skip
@@ -66,7 +66,7 @@ def fwmav_roll(state, commands, dt, active=(), yaw=False):
     if state.shape != (_FWMAV_STATES,):
         raise ValueError(f"expected a state of {_FWMAV_STATES}, got shape {state.shape}")
     states = np.empty((len(commands) + 1, _FWMAV_STATES))
-    check(
+    call(
         "tk_fwmav_roll", active_effects(active), ct.c_size_t(len(active)), ct.c_int(yaw), ct.c_double(dt),
         ct.c_size_t(len(commands)), doubles(state), doubles(commands), doubles(states),
     )  # fmt: skip
@@ -106,7 +106,7 @@ def fwmav_follow(log, gain, active=(), yaw=False, heading=0.0, starts=(), steps=
     ahead = np.empty((len(starts), len(steps), FWMAV_SENSED)) if len(starts) else None
     flown = _Flown(len(x), log.dt, doubles(x), doubles(u), ints(usable), yaw, heading, doubles(gain), doubles(push))
     address = lambda a: a.ctypes.data_as(ct.POINTER(ct.c_int64))  # noqa: E731
-    check(
+    call(
         "tk_fwmav_follow", active_effects(active), ct.c_size_t(len(active)), ct.byref(flown), doubles(predicted),
         ct.c_size_t(len(starts)), address(starts), ct.c_size_t(len(steps)), address(steps), doubles(ahead),
     )  # fmt: skip

@@ -34,16 +34,18 @@ def _load():
 _c = None
 
 
-def call(name, *arguments):
+def raw(name, *arguments):
+    """What a function of the library returns."""
     global _c
     if _c is None:
         _c = _load()
     return getattr(_c, name)(*arguments)
 
 
-def check(name, *arguments):
-    if call(name, *arguments) != 0:
-        raise UserError(call("tk_message").decode("utf-8", "backslashreplace"))
+def call(name, *arguments):
+    """Raises what the library says of arguments that it refuses."""
+    if raw(name, *arguments) != 0:
+        raise UserError(raw("tk_message").decode("utf-8", "backslashreplace"))
 
 
 def rows_of(array, columns=None):

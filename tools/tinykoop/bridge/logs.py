@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import platforms
 from ..plumbing.results import sweep
-from .library import call, check, doubles, ints, rows_of
+from .library import call, doubles, ints, raw, rows_of
 
 
 @dataclass
@@ -25,16 +25,16 @@ class Log:
 def read_log(path, platform="ddr"):
     """Reads a CSV log; a bad one is refused with file, line and column."""
     handle = ct.c_void_p()
-    check("tk_log_read", os.fsencode(path), platform.encode(), ct.byref(handle))
+    call("tk_log_read", os.fsencode(path), platform.encode(), ct.byref(handle))
     try:
-        K = call("tk_log_rows", handle)
+        K = raw("tk_log_rows", handle)
         n, m = platforms.sizes(platform)
         t, x, u = np.empty(K), np.empty((K, n)), np.empty((K, m))
         usable = np.empty(K - 1, np.int32)
-        check("tk_log_get", handle, doubles(t), doubles(x), doubles(u), ints(usable))
-        return Log(t, x, u, usable.astype(bool), call("tk_log_dt", handle))
+        call("tk_log_get", handle, doubles(t), doubles(x), doubles(u), ints(usable))
+        return Log(t, x, u, usable.astype(bool), raw("tk_log_dt", handle))
     finally:
-        call("tk_log_free", handle)
+        raw("tk_log_free", handle)
 
 
 def write_log(path, x, u, dt, platform="ddr"):
@@ -42,7 +42,7 @@ def write_log(path, x, u, dt, platform="ddr"):
     sweep(path)
     n, m = platforms.sizes(platform)
     x, u = rows_of(x, n), rows_of(u, m)
-    check(
+    call(
         "tk_log_write", os.fsencode(path), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),
         doubles(x), doubles(u),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 import ctypes as ct
 
-from .library import check
+from .library import call
 
 
 class _Storage(ct.Structure):
@@ -16,5 +16,5 @@ def storage(n_lifted, n_states, n_inputs, horizon):
     """{what: reals} of the storage that lib/ needs: learner in both forms, controller, guard, stored model."""
     sizes = _Storage()
     counts = [ct.c_size_t(max(k, 0)) for k in (n_lifted, n_states, n_inputs, horizon)]
-    check("tk_sizes", *counts, ct.byref(sizes))
+    call("tk_sizes", *counts, ct.byref(sizes))
     return {name: getattr(sizes, name) for name, _ in _Storage._fields_}

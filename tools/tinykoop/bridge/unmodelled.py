@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from .. import platforms
-from .library import call, check
+from .library import call, raw
 
 MAX_PARAMETERS = 6
 
@@ -39,18 +39,18 @@ def effects(platform="ddr"):
 @cache
 def _effects(platform):
     table, c_platform = {}, platform.encode()
-    while name := call("tk_effect_name", c_platform, ct.c_size_t(len(table))):
+    while name := raw("tk_effect_name", c_platform, ct.c_size_t(len(table))):
         place = (c_platform, ct.c_size_t(len(table)))
         rows = []
-        for p in range(call("tk_effect_parameters", *place)):
+        for p in range(raw("tk_effect_parameters", *place)):
             parameter, unit = ct.c_char_p(), ct.c_char_p()
             low, high, usual = ct.c_double(), ct.c_double(), ct.c_double()
-            check(
+            call(
                 "tk_effect_parameter", *place, ct.c_size_t(p), ct.byref(parameter), ct.byref(unit),
                 ct.byref(low), ct.byref(high), ct.byref(usual),
             )  # fmt: skip
             rows.append((parameter.value.decode(), unit.value.decode(), low.value, high.value, usual.value))
-        block = ("actuator", "plant", "sensor")[call("tk_effect_block", *place)]
+        block = ("actuator", "plant", "sensor")[raw("tk_effect_block", *place)]
         table[name.decode()] = (block, tuple(rows))
     return table
 

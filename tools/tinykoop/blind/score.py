@@ -27,7 +27,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from .. import bridge
-from ..experiments.study import wilson
+from ..experiments.study.closed_loop import wilson
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, print_table, progress, replacing
 from . import plant, tiers

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from tinykoop.bench import update
 from tinykoop import bridge
+from tinykoop.bench import update
 from tinykoop.plumbing.errors import UserError
 
 K = 203

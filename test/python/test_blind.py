@@ -5,10 +5,9 @@ import sys
 
 import numpy as np
 import pytest
-from tinykoop import blind
+from tinykoop import blind, bridge
 from tinykoop.blind import drives, plant, score, tiers
 from tinykoop.blind.plant import Cause
-from tinykoop import bridge
 from tinykoop.plumbing.errors import UserError
 
 DT, START = 0.05, (0.3, -0.2, 2.0)

@@ -18,8 +18,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
-from tinykoop import convert
-from tinykoop import bridge
+from tinykoop import bridge, convert
 from tinykoop.convert import COLUMNS, FORMATS, crazyflie, ros2, ulog, usd, variables
 from tinykoop.plumbing.errors import UserError
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import cli
-from tinykoop import bridge
+from tinykoop import bridge, cli
 from tinykoop.diagnose.robots import new
 
 DT, ROWS = 0.05, 300

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from scipy import linalg, signal
-
 from tinykoop import bridge
 from tinykoop.diagnose.flight import diagnosis, gap, vehicle
 from tinykoop.diagnose.flight.baseline import simulated
-from tinykoop.diagnose.flight.innovations import Innovations, LAGS, Whitener
+from tinykoop.diagnose.flight.innovations import LAGS, Innovations, Whitener
 from tinykoop.plumbing.errors import UserError
 
 STILL = bridge.Effect("vibration", (-1.0,))  # a body that does not shake

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import platforms
-from tinykoop import bridge
+from tinykoop import bridge, platforms
 from tinykoop.plumbing.errors import UserError
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"

@@ -3,6 +3,7 @@
 import csv
 import importlib.util
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -75,6 +76,8 @@ def test_the_lag_of_the_example_is_found_and_closes_the_gap(car, tmp_path):
     assert report["passes"] <= 200
     page = html(story(result), report).decode()
     assert "lag:steering" in page and page.count("<svg") >= 4
+    low, high = re.search(r"tau = 0.1\d+ s</td>.*?\[([\d.]+), ([\d.]+)\]", page, re.S).groups()
+    assert float(low) < float(high) and "1 step ahead" in page
 
 
 def test_a_wrong_parameter_is_named_with_what_does_the_same(car, tmp_path):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tinykoop.bench import qp
 from tinykoop import bridge
+from tinykoop.bench import qp
 from tinykoop.experiments import control, scenario
 
 METHODS = [scenario.Method("rbf", name) for name in ("offline", "dz_cs", "dz_ks", "ct", "sift")]

@@ -360,6 +360,16 @@ def test_thin_line_is_drawn_point_by_point():
 # ---- numbers -------------------------------------------------------------------------------------
 
 
+def test_every_axis_has_two_numbers_at_least():
+    """One does not tell how large anything is."""
+    rng = np.random.default_rng(3)
+    for low, span in zip(rng.normal(size=2000), 10 ** rng.uniform(-4, 4, 2000)):
+        for most in (4, 5):
+            ticks, _ = figures.round_numbers(low * span, low * span + span, most)
+            assert 2 <= len(ticks) <= most + 3
+            assert low * span - 1e-6 * span <= min(ticks) and max(ticks) <= low * span + span * (1 + 1e-6)
+
+
 LONG = re.compile(r"[0-9][0-9,.]{12,}")  # more than anyone reads
 
 

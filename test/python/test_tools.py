@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop import cli
-from tinykoop import bridge
+from tinykoop import bridge, cli
 from tinykoop.experiments import control, learn, scenario, windup
 from tinykoop.logs import fit
 from tinykoop.plumbing import results

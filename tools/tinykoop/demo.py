@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import diagnose
-from . import bridge
+from . import bridge, diagnose
 from .experiments import ablate, control, learn, windup
 from .logs import replay
 from .plumbing.results import console, output_folder

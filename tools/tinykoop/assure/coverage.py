@@ -13,7 +13,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..plumbing.command import need, run as run_command
+from ..plumbing.command import need
+from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, write_json
 

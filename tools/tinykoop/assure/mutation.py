@@ -7,7 +7,7 @@ too, since a larger array changes nothing. Whether a mutant compiles is for the 
 import re
 from dataclasses import dataclass
 
-from .csource import ASSIGNMENTS, Code, ENDS, KEYWORDS, OPENING, PASTED, STEPS, TYPES
+from .csource import ASSIGNMENTS, ENDS, KEYWORDS, OPENING, PASTED, STEPS, TYPES, Code
 
 # No | for &: it separates the fields of equivalent.txt.
 ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "%": "*", "<<": ">>", ">>": "<<", "&": "^", "^": "&"}

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import lizard
 
-from ..plumbing.command import need, run as run_command
+from ..plumbing.command import need
+from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
 

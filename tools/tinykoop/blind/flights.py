@@ -15,7 +15,7 @@ from ..plumbing import plots
 from ..plumbing.errors import UserError
 from ..plumbing.results import alone, console, output_folder, print_table, remove, replacing, write_json
 from ..plumbing.workers import each, workers
-from . import Command, DIAGNOSE, _empty, diagnose, score
+from . import DIAGNOSE, Command, _empty, diagnose, score
 
 TIERS = {
     "none": "none: healthy",

@@ -15,7 +15,7 @@ from scipy import signal
 from .. import bridge
 from ..plumbing.results import number, output_folder, print_table, write_json
 from ..plumbing.workers import each, workers
-from . import Command, DIAGNOSE
+from . import DIAGNOSE, Command
 
 SHAKING = 10.0  # Hz, above which gyro and accelerometer are shaken
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .library import DOUBLES, call, doubles, raw, rows_of
+from .library import DOUBLES, call, doubles, raw, reals
 
 SOLVER = ct.CFUNCTYPE(ct.c_int, DOUBLES, DOUBLES, DOUBLES, DOUBLES)
 
@@ -86,7 +86,7 @@ class Guard:
     renewal: int = 0
 
     def settings(self, shape):
-        offline = rows_of(self.offline)
+        offline = reals(self.offline)
         if offline.shape != shape:
             raise ValueError(f"expected an offline model of shape {shape}, got {offline.shape}")
         settings = _GuardSettings(
@@ -127,7 +127,7 @@ class Controller:
 
     def solve(self, theta, psi, reference):
         """Plans from psi (N) along reference (horizon, 3) on theta (N, N+2); starts from the last plan, shifted."""
-        arrays = [rows_of(array) for array in (theta, psi, reference)]
+        arrays = [reals(array) for array in (theta, psi, reference)]
         for array, shape in zip(arrays, self._shapes):
             if array.shape != shape:
                 raise ValueError(f"expected shape {shape}, got {array.shape}")

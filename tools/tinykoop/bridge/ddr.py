@@ -4,8 +4,8 @@ import ctypes as ct
 
 import numpy as np
 
+from .library import address, call, doubles, reals
 from .unmodelled import active_effects
-from .library import address, call, doubles, rows_of
 
 EULER, MIDPOINT, ARC, SEMI_IMPLICIT = 0, 1, 2, 3  # integrators; the paper's is Euler
 
@@ -16,8 +16,8 @@ class _Recording(ct.Structure):
 
 def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
-    u = rows_of(u, 2)
-    x0 = rows_of(x0)
+    u = reals(u, 2)
+    x0 = reals(x0)
     x = np.empty((len(u) + 1, 3))
     c_effects = active_effects(active)
     call(
@@ -41,7 +41,7 @@ class Rollouts:
     """
 
     def __init__(self, x, u, dt, starts, steps, usable=None, integrator=EULER):
-        x, u = rows_of(x, 3), rows_of(u, 2)
+        x, u = reals(x, 3), reals(u, 2)
         starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
         usable = None if usable is None else np.ascontiguousarray(usable, np.int32)
         if len(u) not in (len(x), len(x) - 1) or (usable is not None and len(usable) != len(x) - 1):

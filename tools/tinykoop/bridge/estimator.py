@@ -5,8 +5,8 @@ import ctypes as ct
 import numpy as np
 
 from .control import SOLVER
+from .library import DOUBLES, INTS, call, doubles, ints, raw, reals
 from .unmodelled import active_effects
-from .library import DOUBLES, INTS, call, doubles, ints, raw, rows_of
 
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
 
@@ -119,7 +119,7 @@ class Estimator:
 
     @theta.setter
     def theta(self, value):
-        value = rows_of(value, self.d)
+        value = reals(value, self.d)
         call("tk_estimator_set_theta", self._handle, doubles(value))
 
     @property
@@ -143,7 +143,7 @@ class Estimator:
 
     def lift(self, x):
         """Psi(x), (K, N), of states x (K, n), lifted in this precision."""
-        x = rows_of(x, self.n)
+        x = reals(x, self.n)
         psi = np.empty((len(x), self.N))
         call("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
         return psi
@@ -156,7 +156,7 @@ class Estimator:
         update, so long replays name the others. With every > 0 also theta and covariance before each
         transition k with k % every == 0.
         """
-        x, u = rows_of(x, self.n), rows_of(u, self.m)
+        x, u = reals(x, self.n), reals(u, self.m)
         K = len(u)
         if len(x) != K + 1:
             raise ValueError(f"{len(x)} states do not go with {K} inputs")
@@ -191,7 +191,7 @@ class Estimator:
         given), residual (KKT), iterations, solve_us, innovation; x has one row more; with every > 0 theta and
         covariance as in replay().
         """
-        reference, x0 = rows_of(reference, 3), rows_of(x0)
+        reference, x0 = reals(reference, 3), reals(x0)
         if len(reference) < steps + mpc.horizon + 1:
             raise ValueError(f"{len(reference)} rows of reference do not cover {steps} steps and the horizon")
         out = {"x": np.empty((steps + 1, 3)), "u": np.empty((steps, 2))}
@@ -228,7 +228,7 @@ class Estimator:
 
     def soak(self, zeta, target, repeats):
         """Learns from rows zeta (K, N+m) -> target (K, N), `repeats` times over; returns counts."""
-        zeta, target = rows_of(zeta, self.d), rows_of(target, self.N)
+        zeta, target = reals(zeta, self.d), reals(target, self.N)
         result = _Soak()
         call(
             "tk_estimator_soak", self._handle, ct.c_size_t(len(zeta)), doubles(zeta), doubles(target),
@@ -247,7 +247,7 @@ def lowpass(x, cutoff, rate, precision=64, usable=None):
 
     Begins anew after transitions that are not usable (K - 1).
     """
-    x = rows_of(x)
+    x = reals(x)
     if x.ndim != 2:
         raise ValueError(f"expected columns, got shape {x.shape}")
     y = np.empty_like(x)

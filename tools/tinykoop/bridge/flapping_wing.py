@@ -5,9 +5,10 @@ import ctypes as ct
 import numpy as np
 
 from ..plumbing.errors import UserError
-from .unmodelled import active_effects
-from .library import call, doubles, ints, rows_of
+from .library import call, doubles, ints, reals
 from .logs import Log
+from .unmodelled import active_effects
+
 
 class _Flight(ct.Structure):
     _fields_ = [("manoeuvre", ct.c_char_p), ("seed", ct.c_uint64), ("noise", ct.c_double)]
@@ -62,7 +63,7 @@ def fwmav_roll(state, commands, dt, active=(), yaw=False):
     commands (K, 4): wing-beat frequency with a full battery [Hz], dihedral, twist [rad], share; each held for dt.
     yaw: effects on the log's command act on the twist, else on the dihedral.
     """
-    state, commands = rows_of(state), rows_of(commands, 4)
+    state, commands = reals(state), reals(commands, 4)
     if state.shape != (_FWMAV_STATES,):
         raise ValueError(f"expected a state of {_FWMAV_STATES}, got shape {state.shape}")
     states = np.empty((len(commands) + 1, _FWMAV_STATES))
@@ -98,8 +99,8 @@ def fwmav_follow(log, gain, active=(), yaw=False, heading=0.0, starts=(), steps=
     twist, else the dihedral, and the vehicle holds this heading (rad). ahead: predictions `steps` rows after `starts` (both
     rising) without correction. push (K, 6): further accelerations (m/s^2, rad/s^2). NaN where there is nothing to predict from.
     """
-    x, u, gain = rows_of(log.x, 10), rows_of(log.u, 1), rows_of(gain, FWMAV_SENSED)
-    push = None if push is None else rows_of(push, 6)
+    x, u, gain = reals(log.x, 10), reals(log.u, 1), reals(gain, FWMAV_SENSED)
+    push = None if push is None else reals(push, 6)
     usable = np.ascontiguousarray(log.usable, np.int32)
     starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
     predicted = np.empty((len(x), FWMAV_SENSED))

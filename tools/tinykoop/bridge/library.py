@@ -48,7 +48,8 @@ def call(name, *arguments):
         raise UserError(raw("tk_message").decode("utf-8", "backslashreplace"))
 
 
-def rows_of(array, columns=None):
+def reals(array, columns=None):
+    """An array as C takes it."""
     array = np.ascontiguousarray(array, dtype=np.float64)
     if columns is not None and (array.ndim != 2 or array.shape[1] != columns):
         raise ValueError(f"expected an array of {columns} columns, got shape {array.shape}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import platforms
 from ..plumbing.results import sweep
-from .library import call, doubles, ints, raw, rows_of
+from .library import call, doubles, ints, raw, reals
 
 
 @dataclass
@@ -41,7 +41,7 @@ def write_log(path, x, u, dt, platform="ddr"):
     """Writes states x (K, n) and inputs u (K, m), t = k dt."""
     sweep(path)
     n, m = platforms.sizes(platform)
-    x, u = rows_of(x, n), rows_of(u, m)
+    x, u = reals(x, n), reals(u, m)
     call(
         "tk_log_write", os.fsencode(path), platform.encode(), ct.c_size_t(len(x)), ct.c_double(dt),
         doubles(x), doubles(u),

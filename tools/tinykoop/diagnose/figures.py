@@ -33,11 +33,13 @@ def round_numbers(low, high, most=5):
         return [low], 1
     rough = span / most
     power = 10.0 ** math.floor(math.log10(rough))
-    step = next(power * f for f in (1, 2, 5, 10) if power * f >= rough * 0.999)
-    first = math.ceil(low / step - 1e-9)
-    return [i * step for i in range(first, math.floor(high / step + 1e-9) + 1)], max(
-        0, -math.floor(math.log10(step) + 1e-9)
-    )
+    sizes = [power * f for f in (0.5, 1, 2, 5, 10)]
+    wide = next(i for i in range(1, 5) if sizes[i] >= rough * 0.999)
+    for step in sizes[wide], sizes[wide - 1]:  # the finer one where the other leaves a single number, of which no scale is read
+        numbers = range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+        if len(numbers) > 1:
+            break
+    return [i * step for i in numbers], max(0, -math.floor(math.log10(step) + 1e-9))
 
 
 def tick(value, places):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .features import Generic, HEADING, POSITION
+from .features import HEADING, POSITION, Generic
 from .fit import Fit, active
 from .noise import trusted
 

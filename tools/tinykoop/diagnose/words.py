@@ -671,14 +671,19 @@ def effect_rows(report):
     return rows
 
 
+def spread(low, high):
+    """94 to 100 %; a dash where there is no percentage."""
+    if real(low) >= 0.995:
+        return percent(low)
+    return f"{hundredths(low)} to {hundredths(high)} %" if math.isfinite(real(low) + real(high)) else "-"
+
+
 def gap_rows(gap, report, size=length):
     """[(horizon, before, after, floor, closed, interval)]."""
     rows = []
     for key, before in gap["before"].items():
         low, high = gap["ci95"][key] if "ci95" in gap else (None, None)
         closed = real(gap["closed_fraction"][key]) if "closed_fraction" in gap else math.nan
-        spread = f"{hundredths(low)} to {hundredths(high)} %" if math.isfinite(real(low) + real(high)) else "-"
-        spread = percent(low) if real(low) >= 0.995 else spread
         rows.append(
             (
                 steps(key, report),
@@ -686,7 +691,7 @@ def gap_rows(gap, report, size=length):
                 size(gap["after"][key]),
                 size(gap["noise_floor"][key]),
                 percent(closed),
-                spread,
+                spread(low, high),
             )
         )
     return rows

@@ -115,7 +115,7 @@ def report(rows):
 
 
 def _mark(ax, names=True):
-    plots.mark_phases(ax, STEPS, names)
+    scenario.mark_phases(ax, STEPS, names)
 
 
 def draw_paths(out, traces, reference):

@@ -305,5 +305,5 @@ def draw_timeline(out):
     axes[2].set_ylabel("innovation, all\nlifted states (cut at $10^{\\pm 5}$)")
     axes[2].set_xlabel("time (s)")
     for i, ax in enumerate(axes):
-        plots.mark_phases(ax, STEPS, names=i == 0)
+        scenario.mark_phases(ax, STEPS, names=i == 0)
     plots.save(figure, out / "guard_timeline.png")

@@ -98,7 +98,7 @@ def _panels(title, share=True, **kwargs):
 def _phased(axes, name):
     """Title above the names of the phases."""
     axes.set_title(name, pad=16)
-    plots.mark_phases(axes)
+    scenario.mark_phases(axes)
 
 
 def draw_paths(out, x, traces):
@@ -148,7 +148,7 @@ def draw_operator(out, t, traces):
             ax.semilogy(t, np.maximum(trace[norm], 1e-6), lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
     for name, (top, bottom) in columns.items():
         _phased(top, {"poly": "Poly", "rbf": "RBF"}[name])
-        plots.mark_phases(bottom, names=False)
+        scenario.mark_phases(bottom, names=False)
         top.legend(ncols=2)
         bottom.set_xlabel("time (s)")
         top.set_ylabel("$\\|A\\|_F$")
@@ -180,7 +180,7 @@ def draw_covariance(out, t, traces):
         for ax, label in ((top, "$\\|P\\|_F$"), (middle, "$\\lambda_{max}(P)$"), (bottom, "condition number of $P$")):
             ax.set_ylabel(label)
         for ax in (middle, bottom):
-            plots.mark_phases(ax, names=False)
+            scenario.mark_phases(ax, names=False)
         bottom.axhline(1 / np.finfo(np.float32).eps, color="k", lw=0.8)
         bottom.annotate("1 / epsilon of float32", (t[-1], 1 / np.finfo(np.float32).eps), ha="right", va="bottom", fontsize=7)
         bottom.set_xlabel("time (s)")

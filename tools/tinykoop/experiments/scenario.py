@@ -151,3 +151,16 @@ def first(condition):
     """Index of the first true element, None if there is none."""
     hits = np.flatnonzero(condition)
     return int(hits[0]) if len(hits) else None
+
+
+def mark_phases(axes, steps=STEPS, names=True):
+    """Vertical lines where the paper's five phases begin, in seconds."""
+    edges = np.arange(5) * steps // 5
+    for edge, name in zip(edges, PHASES):
+        if edge:
+            axes.axvline(edge * DT, color="0.5", lw=0.8, ls=(0, (2, 2)))
+        if names:
+            axes.annotate(
+                name, ((edge + steps / 10) * DT, 1), xycoords=("data", "axes fraction"), ha="center",
+                va="bottom", fontsize=7, color="0.35",
+            )  # fmt: skip

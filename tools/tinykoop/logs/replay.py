@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import platforms
-from .. import bridge
+from .. import bridge, platforms
 from ..experiments import scenario
 from ..plumbing import plots
 from ..plumbing.errors import UserError

@@ -1,11 +1,10 @@
-"""One look for all plots: readable in greyscale, units on every axis, phases marked."""
+"""One look for all plots: readable in greyscale, units on every axis."""
 
 import io
 from functools import lru_cache
 
 import numpy as np
 
-from ..experiments import scenario
 from .results import write_bytes
 
 LOOK = {
@@ -67,19 +66,6 @@ def save(figure, path):
     finally:
         _pyplot().close(figure)
     write_bytes(path, image.getvalue())
-
-
-def mark_phases(axes, steps=scenario.STEPS, names=True):
-    """Vertical lines where the paper's five phases begin, in seconds."""
-    edges = np.arange(5) * steps // 5
-    for edge, name in zip(edges, scenario.PHASES):
-        if edge:
-            axes.axvline(edge * scenario.DT, color="0.5", lw=0.8, ls=(0, (2, 2)))
-        if names:
-            axes.annotate(
-                name, ((edge + steps / 10) * scenario.DT, 1), xycoords=("data", "axes fraction"), ha="center",
-                va="bottom", fontsize=7, color="0.35",
-            )  # fmt: skip
 
 
 def smooth(values, width=50):

@@ -98,7 +98,7 @@ class Ahead:
     def floor(self):
         """{gap: (horizons,)}: what noise of the start and of the reading makes."""
         problem, names = self.problem, [c.name for c in self.problem.robot.channels]
-        start = np.where([bool(s.column) for s in problem.robot.states], 0.0, 0.0)
+        start = np.zeros(len(problem.robot.states))
         measured = problem.robot.measured
         start[measured] = problem.sigma[: len(measured)]
         S = problem.sensed(problem.slopes.starts())[:, self.horizons] * start

@@ -220,12 +220,6 @@ def parameters(context):
     return found
 
 
-def _pushed(action, push):
-    """The action with one push more."""
-    before = action.push
-    return replace(action, push=push if before is None else lambda x, u: before(x, u) + push(x, u))
-
-
 def forces(context, velocities, spread):
     """A constant force and damping on each velocity-like state; velocities: their indices."""
     found, n = [], len(context.robot.states)
@@ -234,10 +228,10 @@ def forces(context, velocities, spread):
         size = spread.x[i]
 
         def force(params, action, context, unit=unit):
-            return _pushed(action, lambda x, u: params[0] * unit)
+            return action.pushed(lambda x, u: params[0] * unit)
 
         def damp(params, action, context, unit=unit, i=i):
-            return _pushed(action, lambda x, u: -params[0] * x[:, i : i + 1] * unit)
+            return action.pushed(lambda x, u: -params[0] * x[:, i : i + 1] * unit)
 
         usual = 0.2 * size
         found.append(

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from scipy import stats
 
-from .problem import Cause, Fit, LIMIT
+from .problem import LIMIT, Cause, Fit
 
 MOST = 4  # effects of one explanation
 SINGLES, PAIRS = 4, 2  # that are simulated in each round
@@ -330,17 +330,16 @@ class Finder:
                     if share > ABSORBED and c.name not in fit.names:
                         yield share, rest, c
 
-    def _least(self, fit):
-        """Indices of causes, first the one that by the slopes does least that the others cannot do."""
-        ways, does = fit.causes, []
-        parts = np.cumsum([0, *(len(self.problem.effects[c.name].parameters) for c in ways)])
-        J = self.jacobian(fit)
-        for i in range(len(ways)):
-            have = self.problem.columns([ways, ways[:i] + ways[i + 1 :]]) @ [1.0, -1.0]
-            others = np.delete(J, np.r_[parts[i] : parts[i + 1]], 1)
-            have = have - others @ np.linalg.lstsq(others, have, rcond=1e-9)[0]
-            does.append(have @ have)
-        return np.argsort(does)
+    def _weakest_first(self, fit):
+        """Indices of causes, by what each does that the others cannot do, by the slopes."""
+        J, alone = self.jacobian(fit), []
+        ends = np.cumsum([0, *(len(c.params) for c in fit.causes)])
+        for i in range(len(fit.causes)):
+            does = self.problem.columns([fit.causes, fit.causes[:i] + fit.causes[i + 1 :]]) @ [1.0, -1.0]
+            others = np.delete(J, np.r_[ends[i] : ends[i + 1]], 1)
+            rest = does - others @ np.linalg.lstsq(others, does, rcond=1e-9)[0]
+            alone.append(rest @ rest)
+        return np.argsort(alone)
 
     def eliminate(self, fit):
         """Takes out what does not pay, or what only a few windows ask for."""
@@ -350,7 +349,7 @@ class Finder:
             if len(weak):
                 fit = self.refine(self.problem.fit_of(fit.causes[: weak[0]] + fit.causes[weak[0] + 1 :]), 3)
                 continue
-            rests = [self.refine(self.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 2) for i in self._least(fit)[:DOUBTED]]
+            rests = [self.refine(self.problem.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 2) for i in self._weakest_first(fit)[:DOUBTED]]
             best = min(rests, key=self.worth)
             if best.cost - fit.cost > max(self.price, SMALL * self.problem.degrees, SMALL * (self.base.cost - self.problem.degrees)):
                 break

@@ -1,6 +1,6 @@
 """Windows of a log, each followed by the simulator from a start of its own, and the simulator's slopes along them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,10 +30,10 @@ class Action:
     clock: float = 1.0
     outputs: tuple = ()  # functions of (channels (W, H + 1, c), rows (W, H + 1), dt) applied in turn
 
-
-def pushed(push, more):
-    """A push with another one, of the same for all states, beside it."""
-    return lambda x, u: more if push is None else more + push(x, u)
+    def pushed(self, more):
+        """With one push more."""
+        before = self.push
+        return replace(self, push=more if before is None else lambda x, u: before(x, u) + more(x, u))
 
 
 def cut(usable, rows):
@@ -159,7 +159,7 @@ class Rollouts:
     def _slope(self, X, action, what, i):
         """d step / d element i of x, u, parameters, clock or push along the runs X, (W, H, n), by one pass."""
         x, u = X[:, :-1].reshape(-1, X.shape[2]).copy(), action.u[self.index[:, :-1]].reshape(-1, action.u.shape[1])
-        params, clock, push = action.params.copy(), action.clock, action.push
+        params, clock = action.params.copy(), action.clock
         if what == "x":
             h = STEP * self.spread.x[i]
             x[:, i] += h
@@ -174,8 +174,9 @@ class Rollouts:
             clock += h
         else:
             h = STEP * self.spread.x[i] / self.log.dt
-            push = pushed(push, h * np.eye(X.shape[2])[i])
-        moved = self.advance(x, u, Action(action.u, params, push, clock))
+            unit = np.eye(X.shape[2])[i]
+            action = action.pushed(lambda x, u: h * unit)
+        moved = self.advance(x, u, Action(action.u, params, action.push, clock))
         return (moved.reshape(X[:, 1:].shape) - X[:, 1:]) / h
 
 

@@ -13,7 +13,7 @@ from ..fit import active
 from ..robot import check_effects
 from . import advise, evidence, gap, where
 from .baseline import Baseline, of_vehicle, simulated
-from .generic import FEIGNED, Generic, SIGNIFICANT
+from .generic import FEIGNED, SIGNIFICANT, Generic
 from .innovations import Innovations
 from .search import FlightSearch
 from .vehicle import Fwmav, turns_yaw

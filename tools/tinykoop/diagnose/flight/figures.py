@@ -3,7 +3,7 @@
 import numpy as np
 
 from .. import words as said
-from ..figures import Panel, WIDTH, bars, extent, legend, note, over_time, stroke, svg
+from ..figures import WIDTH, Panel, bars, extent, legend, note, over_time, stroke, svg
 from ..fit import active
 from ..measure import HORIZONS, rms
 from . import words

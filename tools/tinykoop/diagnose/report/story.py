@@ -109,11 +109,6 @@ def _of_surrogate(report):
 GAP_HEADERS = ("steps ahead", "before", "after", "noise floor", "closed", "95 % interval")
 
 
-def spread(low, high):
-    """94 to 100 %; a dash where there is no percentage."""
-    return f"{words.hundredths(low)} to {words.hundredths(high)} %" if np.isfinite(words.real(low)) else "-"
-
-
 def gap_rows(gap):
     size, rows = size_of(gap["unit"]), []
     for key in gap["before"]:
@@ -123,7 +118,7 @@ def gap_rows(gap):
                 key,
                 *(size(gap[part][key]) for part in ("before", "after", "noise_floor")),
                 words.percent(gap["closed_fraction"][key]),
-                spread(low, high),
+                words.spread(low, high),
             )
         )
     return rows
@@ -133,7 +128,7 @@ def gap_figure(name, gap):
     """Bars of before, after and floor."""
     size, rows = size_of(gap["unit"]), []
     for key in gap["before"]:
-        rows.append((f"{key} steps ahead",))
+        rows.append((f"{key} step{'s' if key != '1' else ''} ahead",))
         for part, text, kind in (
             ("before", "before", "bar-before"),
             ("after", "after", "bar-after"),
@@ -147,19 +142,9 @@ def gap_figure(name, gap):
 def effect_table(effects):
     rows = []
     for effect in effects:
-        for i, (name, value) in enumerate(effect["params"].items()):
-            low, high = effect["params_ci95"][name]
-            unit = effect["units"][name]
-            first = (effect["name"], words.percent(effect["confidence"])) if i == 0 else ("", "")
-            rows.append(
-                (
-                    first[0],
-                    f"{name} = {words.quantity(value, unit)}",
-                    f"{words.quantity(low, '1')} to {words.quantity(high, unit)}",
-                    first[1],
-                    effect["formula"] if i == 0 else "",
-                )
-            )
+        for i, (name, value, interval, _) in enumerate(words.parameters(effect)):
+            first, sure, formula = (effect["name"], words.percent(effect["confidence"]), effect["formula"]) if i == 0 else ("", "", "")
+            rows.append((first, f"{name} = {value}", interval, sure, formula))
     return ("Effects", ("effect", "parameter", "95 % interval", "sure", "what it does"), rows)
 
 

@@ -10,13 +10,13 @@ import tempfile
 import weakref
 import zipfile
 from contextlib import chdir
-from difflib import get_close_matches
 from math import nan
 
 import numpy as np
 
 from ...plumbing.errors import UserError
 from ..engine.rollouts import RunsAway
+from .asked import among, package
 
 KEYS = ("states", "inputs", "starts")
 WARNING, DISCARD = 1, 2  # statuses of a call: above a warning it has failed
@@ -71,18 +71,18 @@ class Fmu:
         self.place, self.said = place, []
         self.run = self.snapshot = self.held = None
 
-    def open(self, package, description, path, folder):
+    def open(self, fmpy, description, path, folder):
         """Unpacks the FMU into a folder and instantiates it."""
         said = self.said
         try:
-            package.extract(path, folder)
+            fmpy.extract(path, folder)
             with chdir("."):  # fmpy stays in another folder where a library does not load
-                self.slave = package.instantiate_fmu(folder, description, "CoSimulation", logger=lambda *words: said.append(words[-1]))
+                self.slave = fmpy.instantiate_fmu(folder, description, "CoSimulation", logger=lambda *words: said.append(words[-1]))
         except Exception as error:
             raise UserError(f"{self.place}: cannot be loaded: {_line(error)}") from error
         weakref.finalize(self, self.slave.freeInstance)
         self.load, self.put, self.advance, self.get = (_calls2 if description.fmiMajorVersion == 2 else _calls3)(self.slave)
-        self.can_load, self.refused = description.coSimulation.canGetAndSetFMUstate, package.fmi1.FMICallException
+        self.can_load, self.refused = description.coSimulation.canGetAndSetFMUstate, fmpy.fmi1.FMICallException
 
     def use(self, states, starts, inputs, parameters):
         """Variables of the FMU in the robot's order; `starts` set what `states` show."""
@@ -223,18 +223,10 @@ def _when(variable):
     return variable.initial if variable.variability != "constant" and variable.initial in ("exact", "approx") else "calculated"
 
 
-def _package():
-    try:
-        import fmpy
-    except ImportError:
-        raise UserError("[simulator] fmu: fmpy is missing; build/venv/bin/pip install -r tools/requirements-simulators.txt") from None
-    return fmpy
-
-
-def _described(package, path, place):
+def _described(fmpy, path, place):
     """The description of an FMU that can be run here."""
     try:
-        description = package.read_model_description(str(path), validate=False)
+        description = fmpy.read_model_description(str(path), validate=False)
         with zipfile.ZipFile(path) as archive:
             files = archive.namelist()
     except Exception as error:
@@ -243,8 +235,8 @@ def _described(package, path, place):
         raise UserError(f"{place}: is of FMI 1.0; export it as FMI 2.0 or 3.0")
     if description.coSimulation is None:
         raise UserError(f"{place}: cannot step by itself (no CoSimulation in modelDescription.xml); export it for co-simulation")
-    system = package.platform if description.fmiMajorVersion == 2 else package.platform_tuple
-    library = f"binaries/{system}/{description.coSimulation.modelIdentifier}{package.sharedLibraryExtension}"
+    system = fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple
+    library = f"binaries/{system}/{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
     if library not in files:
         have = sorted({file.split("/")[1] for file in files if file.startswith("binaries/") and file.count("/") > 1})
         raise UserError(f"{place}: has no {library}; it is built for {', '.join(have) or 'no system'}; export it for {system}")
@@ -260,9 +252,7 @@ class _Names:
 
     def variable(self, name, what):
         """The variable of a name, which is one real number."""
-        if name not in self.variables:
-            near = get_close_matches(name, self.variables, 3, 0.3) or list(self.variables)[:5]
-            raise UserError(f"{self.place}: has no variable {name} for {what}; it has {', '.join(near)}, ..")
+        among(name, self.variables, f"{self.place}: for {what}", "variable")
         found = self.variables[name]
         if found.type not in ("Real", "Float64") or found.dimensions:
             raise UserError(f"{self.place}: {name} cannot be {what}: it is {'an array' if found.dimensions else found.type}, not one Real")
@@ -293,9 +283,9 @@ def _allow(place, variables, kinds, what):
 
 
 def make(table, folder, names):
-    package, place = _package(), table["fmu"]
+    fmpy, place = package("fmpy"), table["fmu"]
     states, commands, fields = names
-    description = _described(package, folder / place, place)
+    description = _described(fmpy, folder / place, place)
     of = _Names(place, description)
     shown = of.mapped(table, "states", states, states)
     starts = of.mapped(table, "starts", states, [v.name for v in shown])
@@ -307,6 +297,6 @@ def make(table, folder, names):
         raise UserError(f"{place}: has the state {unset[0]}, which the robot lacks; add it to [simulator] hidden and states")
     made, unpacked = Fmu(place), tempfile.mkdtemp(prefix="tinykoop_fmu_")
     weakref.finalize(made, shutil.rmtree, unpacked, ignore_errors=True)
-    made.open(package, description, folder / place, unpacked)
+    made.open(fmpy, description, folder / place, unpacked)
     made.use(shown, starts, inputs, parameters)
     return made

@@ -4,12 +4,12 @@ Todorov, Erez and Tassa, "MuJoCo: A physics engine for model-based control", IRO
 """
 
 import copy
-import difflib
 import os
 
 import numpy as np
 
 from ...plumbing.errors import UserError
+from .asked import among, package
 
 KEYS = ("qpos", "qvel", "act", "ctrl", "sensordata")
 COUNTS = {
@@ -17,23 +17,6 @@ COUNTS = {
     "equality": "neq", "sensor": "nsensor",
 }  # fmt: skip
 MODELS = 16  # with other parameters, that are kept
-
-
-def _package():
-    try:
-        import mujoco
-        import mujoco.rollout
-    except ImportError:
-        remedy = "build/venv/bin/pip install -r tools/requirements-simulators.txt"
-        raise UserError(f"[simulator] mujoco: the package is missing; {remedy}") from None
-    return mujoco
-
-
-def _among(name, names, where, what):
-    """Raises unless name is one of names, and says which are near."""
-    if name not in names:
-        near = difflib.get_close_matches(name, names, 3, 0.5) or sorted(names)[:12]
-        raise UserError(f"{where}: there is no {what} {name}; there is {', '.join(near) or 'none at all'}")
 
 
 def _named(model, kind):
@@ -53,16 +36,16 @@ class Field:
         self.kind, self.what = pieces[0], pieces[-1]
         if len(pieces) < (2 if self.kind == "option" else 3):
             raise UserError(f"{self.where}: write KIND/NAME/WHAT, such as body/hand/mass, geom/left,right/friction or option/wind/0")
-        _among(self.kind, [*COUNTS, "option"], self.where, "kind")
+        among(self.kind, [*COUNTS, "option"], self.where, "kind")
         self.names = "/".join(pieces[1:-1]).split(",") if self.kind != "option" else []
         for name in self.names:
-            _among(name, [n for n in _named(model, self.kind) if n], self.where, self.kind)
+            among(name, [n for n in _named(model, self.kind) if n], self.where, self.kind)
         self._check(model)
 
     def _check(self, model):
         owner = self._owners(model)[0]
         numbers = {name: np.atleast_1d(getattr(owner, name)) for name in dir(owner) if name[0] != "_"}
-        _among(self.what, [name for name, held in numbers.items() if held.dtype == float], self.where, "number")
+        among(self.what, [name for name, held in numbers.items() if held.dtype == float], self.where, "number")
         if self.what == "timestep":
             raise UserError(f"{self.where}: is no parameter; every diagnosis tries shorter steps of time by itself")
         size = numbers[self.what].size
@@ -98,7 +81,7 @@ class Mujoco:
     """state, ctrl, sensed: which of the robot's states and commands stand where in those of the model."""
 
     def __init__(self, model, state, ctrl, sensed, addresses, fields, threads=None):
-        self.package, self.model = _package(), model
+        self.package, self.rollouts, self.model = package("mujoco"), package("mujoco.rollout"), model
         self.state, self.ctrl, self.sensed, self.addresses = state, ctrl, sensed, addresses
         self.fields, self.own_step, self.models = fields, model.opt.timestep, {}
         self.velocities = state[model.nq : model.nq + model.nv]
@@ -148,7 +131,7 @@ class Mujoco:
         kinds = given.mjSTATE_CTRL if control.shape[2] == model.nu else given.mjSTATE_CTRL | given.mjSTATE_QFRC_APPLIED
         self.package.set_mju_user_warning(lambda text: None)  # else it writes a file, for each step that blows up
         try:
-            return self.package.rollout.rollout(model, self.data, start, control, control_spec=kinds, nstep=steps)
+            return self.rollouts.rollout(model, self.data, start, control, control_spec=kinds, nstep=steps)
         finally:
             self.package.set_mju_user_warning(before)
 
@@ -162,21 +145,21 @@ def _order(table, key, wanted, names):
     if not isinstance(given, list) or len(given) != len(wanted):
         raise UserError(f"{where}: the model has {len(wanted)} ({', '.join(wanted)}); name a signal of the robot for each")
     for name in given:
-        _among(name, names, where, "signal")
+        among(name, names, where, "signal")
     return [names.index(name) for name in given]
 
 
-def _load(package, path):
+def _load(mujoco, path):
     if not path.is_file():
         raise UserError(f"[simulator] mujoco: there is no file {path}; the place is relative to the robot's file")
     try:
-        model = package.MjModel.from_xml_path(str(path))
+        model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise UserError(f"{path}: {' '.join(str(error).split())[:200]}") from error
     turning = [model.joint(i).name or "unnamed" for i in range(model.njnt) if model.joint(i).qpos0.size > 1]
     if turning:
         raise UserError(f"{path}: joint {turning[0]} is free or a ball; put three slides and hinges in its place")
-    if package.mj_stateSize(model, package.mjtState.mjSTATE_FULLPHYSICS) != 1 + model.nq + model.nv + model.na:
+    if mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 1 + model.nq + model.nv + model.na:
         raise UserError(f"{path}: has delays, plugins or plasticity, whose states no log has; take them out")
     return model
 
@@ -184,7 +167,7 @@ def _load(package, path):
 def _address(model, place):
     """Where SENSOR or SENSOR/INDEX stands in the sensor data."""
     where, (name, _, at) = f"[simulator] sensordata {place}", place.partition("/")
-    _among(name, _named(model, "sensor"), where, "sensor")
+    among(name, _named(model, "sensor"), where, "sensor")
     sensor = model.sensor(name)
     if not (at or "0").isdecimal() or int(at or 0) >= sensor.dim[0]:
         raise UserError(f"{where}: {name} has {sensor.dim[0]} numbers; the last is {name}/{sensor.dim[0] - 1}")
@@ -192,9 +175,8 @@ def _address(model, place):
 
 
 def make(table, folder, names):
-    package = _package()
     states, commands, fields = names
-    model = _load(package, folder / table["mujoco"])
+    model = _load(package("mujoco"), folder / table["mujoco"])
     joints = _named(model, "joint")
     state = [*_order(table, "qpos", joints, states), *_order(table, "qvel", joints, states)]
     state += _order(table, "act", [a.name for a in map(model.actuator, range(model.nu)) for _ in range(a.actnum[0])], states)
@@ -202,7 +184,7 @@ def make(table, folder, names):
     if not isinstance(places, dict) or not all(isinstance(place, str) for place in places.values()):
         raise UserError('[simulator] sensordata: write {STATE = "SENSOR"}, or "SENSOR/INDEX" where it has several numbers')
     for name in places:
-        _among(name, states, "[simulator] sensordata", "state")
+        among(name, states, "[simulator] sensordata", "state")
     sensed, addresses = [states.index(name) for name in places], [_address(model, place) for place in places.values()]
     if sorted([*state, *sensed]) != list(range(len(states))):
         raise UserError(f"[simulator] qpos, qvel, act and sensordata must name every state once; the states are {', '.join(states)}")

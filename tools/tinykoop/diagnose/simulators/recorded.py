@@ -12,7 +12,7 @@ import numpy as np
 
 from ...plumbing.errors import UserError
 from ...plumbing.results import printable
-from ..engine.problem import Problem, ROWS
+from ..engine.problem import ROWS, Problem
 from ..engine.rollouts import Rollouts, longest_run
 from ..robots.log import read
 

@@ -137,7 +137,7 @@ def draw_sensitivities(out, compared):
                 )  # fmt: skip
             ax.set_yscale("symlog", linthresh=0.1)
             ax.axhline(0, color="k", lw=0.6)
-            plots.mark_phases(ax, control.STEPS, names=ax is column[0])
+            scenario.mark_phases(ax, control.STEPS, names=ax is column[0])
             column[0].set_title(name, pad=16)
         column[1].set_xlabel("time (s)")
     for ax, (_, label) in zip(axes[:, 0], shown):

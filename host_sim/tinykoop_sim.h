@@ -112,6 +112,30 @@ TK_API int tk_fwmav_fly(const tk_active *effects, size_t n_effects, const tk_fli
 TK_API int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, double dt, size_t steps,
                          const double *state, const double *commands, double *states);
 
+/* The noise of a log, as the filter of tk_whiten() takes it. Sensor noise is white with a variance of its own
+ * in each row, beside a coloured part, AR(1); random pushes are AR(1), too. */
+typedef struct tk_noise {
+	size_t n, r, c;                                 /* states, random pushes, channels */
+	const double *start;                            /* n: standard deviation of the start of a window */
+	const double *C;                                /* c x n: channels of states */
+	const double *push, *push_keeps;                /* r: standard deviation; correlation from row to row */
+	const double *coloured, *coloured_keeps;        /* c: likewise */
+} tk_noise;
+
+/* The reference path, row by row, begun anew in rows where `begins` is not 0: A (n x n) takes a deviation from it to
+ * the next row, G (n x r) random pushes; variance (c) is that of white sensor noise, infinite where nothing was
+ * measured. */
+typedef struct tk_path {
+	const int32_t *begins;
+	const double *A, *G, *variance;
+} tk_path;
+
+/* Innovations, over their standard deviations, of `columns` columns: D (n x columns) in each row is what a step adds
+ * to the deviation, E (c x columns) is what the channels show. log_det: the sum of the logarithms of the innovations'
+ * variances. */
+TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *D,
+                     const double *E, double *out, double *log_det);
+
 /* A flight of the flapping-wing vehicle as tk_log_get() gives it, and how to follow it. */
 typedef struct tk_flown {
 	size_t rows;

@@ -1,0 +1,37 @@
+"""The Kalman filter of host_sim/whiten.c."""
+
+import ctypes as ct
+
+import numpy as np
+
+from .library import address, call, reals
+
+
+class _Noise(ct.Structure):
+    _fields_ = [(name, ct.c_size_t) for name in ("n", "r", "c")] + [
+        (name, ct.c_void_p) for name in ("start", "C", "push", "push_keeps", "coloured", "coloured_keeps")
+    ]
+
+
+class _Path(ct.Structure):
+    _fields_ = [(name, ct.c_void_p) for name in ("begins", "A", "G", "variance")]
+
+
+def whiten(begins, A, G, variance, start, C, push, push_keeps, coloured, coloured_keeps, D, E):
+    """(innovations (K, c, q) over their standard deviations, sum of log variances) of columns D (K, n, q), E (K, c, q)."""
+    if not np.any(coloured):
+        coloured = coloured_keeps = None
+    begins = np.ascontiguousarray(begins, np.int32)
+    A, G, variance, start, C, push, push_keeps, D, E = map(reals, (A, G, variance, start, C, push, push_keeps, D, E))
+    if coloured is not None:
+        coloured, coloured_keeps = reals(coloured), reals(coloured_keeps)
+    K, n, r = G.shape
+    c, q = E.shape[1:]
+    out, log_det = np.empty((K, c, q)), ct.c_double()
+    noise = _Noise(n, r, c, *map(address, (start, C, push, push_keeps, coloured, coloured_keeps)))
+    path = _Path(*map(address, (begins, A, G, variance)))
+    call(
+        "tk_whiten", ct.byref(noise), ct.c_size_t(K), ct.c_size_t(q), ct.byref(path), address(D), address(E), address(out),
+        ct.byref(log_det),
+    )  # fmt: skip
+    return out, log_det.value

@@ -1,0 +1,176 @@
+"""Causes, their sizes, and what they leave of a log."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..robot import Parameter
+from . import noise as noises
+
+ALWAYS = ((0.0, np.inf),)
+STEP = 1e-3  # of a parameter's usual size, by which slopes are taken
+GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give or take half
+GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 9), 4) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope
+SLOPE = 1e-9  # squares, below which there is none
+
+
+@dataclass(frozen=True)
+class Effect:
+    """starts: vectors of parameters that a scan begins with. linear: any combination of them scales what it does."""
+
+    name: str
+    block: str
+    parameters: tuple[Parameter, ...]
+    starts: tuple
+    linear: bool = False
+    threshold: bool = False  # no slope tells its size
+    curve: bool = False  # a log seldom settles its parameters one by one
+
+    @property
+    def scale(self):
+        return np.array([abs(p.usual) or 1.0 for p in self.parameters])
+
+    @property
+    def bounds(self):
+        """(low, high) in usual sizes."""
+        return np.array([p.low for p in self.parameters]) / self.scale, np.array([p.high for p in self.parameters]) / self.scale
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect with its parameters and the times when it acts, s from the first row."""
+
+    name: str
+    params: tuple
+    segments: tuple = ALWAYS
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What causes leave, whitened; cost: its squares, and what guesses are worth."""
+
+    causes: tuple
+    cost: float
+    left: np.ndarray = field(repr=False, compare=False)
+
+    @property
+    def names(self):
+        return tuple(c.name for c in self.causes)
+
+
+class Fitter:
+    """Fits causes to a path under a noise."""
+
+    def __init__(self, path, noise):
+        self.path, self.noise, self.effects = path, noise, path.effects
+        self.degrees = int(np.isfinite(path.present).sum())
+
+    # ---- parameters as a vector, in usual sizes ----------------------------------------------------------
+
+    def vector(self, causes):
+        """(sizes, low, high, 1 where a curve's)."""
+        parts = [(np.array(c.params) / self.effects[c.name].scale, *self.effects[c.name].bounds) for c in causes]
+        curved = [np.full(len(c.params), float(self.effects[c.name].curve)) for c in causes]
+        return tuple(np.concatenate([np.zeros(0), *column]) for column in (*zip(*parts), curved)) if causes else (np.zeros(0),) * 4
+
+    def split(self, causes, z):
+        out, i = [], 0
+        for cause in causes:
+            effect = self.effects[cause.name]
+            part = np.clip(z[i : i + len(cause.params)], *effect.bounds) * effect.scale
+            out.append(replace(cause, params=tuple(part.tolist())))
+            i += len(cause.params)
+        return tuple(out)
+
+    def guesses(self, causes):
+        """What it costs that curves are not as usual."""
+        z, _, _, curved = self.vector(causes)
+        return float((curved * (z - 1) ** 2).sum()) / GUESS**2
+
+    # ---- residuals -----------------------------------------------------------------------------------------
+
+    def lefts(self, trials):
+        """Whitened residuals (n, trials)."""
+        D = self.path.steps(trials)
+        E = np.broadcast_to(self.path.E[..., None], (*self.path.E.shape, len(trials)))
+        return noises.whitened(self.path, self.noise, D, E)[0].reshape(-1, len(trials))
+
+    def whiten(self, D):
+        """What pushes D (K, n, q) make of the residual (n, q)."""
+        return noises.whitened(self.path, self.noise, D, np.zeros((*self.path.E.shape, D.shape[-1])))[0].reshape(-1, D.shape[-1])
+
+    def fit_of(self, causes):
+        causes = tuple(causes)
+        left = self.lefts([causes])[:, 0]
+        return Fit(causes, float(left @ left) + self.guesses(causes), left)
+
+    def jacobian(self, fit):
+        """d left / d size (n, p)."""
+        z, _, high, _ = self.vector(fit.causes)
+        if not len(z):
+            return np.zeros((len(fit.left), 0))
+        steps = np.where(z + STEP <= high, STEP, -STEP)
+        trials = [self.split(fit.causes, z + step * unit) for step, unit in zip(steps, np.eye(len(z)))]
+        return (self.lefts(trials) - fit.left[:, None]) / steps
+
+    # ---- fitting -------------------------------------------------------------------------------------------
+
+    def refine(self, fit, steps=8):
+        """Damped Gauss-Newton steps, then what has no slope, size by size."""
+        return self._thresholds(self._descend(fit, steps)) if fit.causes else fit
+
+    def _descend(self, fit, steps):
+        damping = 1e-3
+        for _ in range(steps):
+            before = fit.cost
+            fit, damping = self._step(fit, damping)
+            if before - fit.cost < max(1e-4 * before, 0.05):
+                break
+        return fit
+
+    def _step(self, fit, damping):
+        J = self.jacobian(fit)
+        z, low, high, curved = self.vector(fit.causes)
+        guess = curved / GUESS**2
+        gram, slope = J.T @ J + np.diag(guess), J.T @ fit.left + guess * (z - 1)
+        free = ~(((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < SLOPE))
+        for _ in range(4 if free.any() else 0):
+            move, A = np.zeros_like(z), gram[np.ix_(free, free)]
+            move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
+            limit = np.maximum(1.0, np.abs(z))
+            trial = self.fit_of(self.split(fit.causes, z + np.clip(move, -limit, limit)))
+            if trial.cost < fit.cost:
+                return trial, damping / 5
+            damping = max(damping * 8, 1e-2)
+        return fit, damping
+
+    def _thresholds(self, fit):
+        for i, cause in enumerate(fit.causes):
+            if self.effects[cause.name].threshold:
+                for k in range(len(cause.params)):
+                    fit = self._best_of(fit, self._begun(fit.causes, i, k))
+                for grid in GRIDS:
+                    for k in range(len(cause.params)):
+                        fit = self._best_of(fit, self._scaled(fit.causes, i, k, grid))
+        return fit
+
+    def _begun(self, causes, i, k):
+        """Causes with parameter k of cause i at each size that a scan begins with, if it is off."""
+        cause = causes[i]
+        sizes = {start[k] for start in self.effects[cause.name].starts} - {0.0} if cause.params[k] == 0 else ()
+        return [(*causes[:i], replace(cause, params=(*cause.params[:k], v, *cause.params[k + 1 :])), *causes[i + 1 :]) for v in sizes]
+
+    def _scaled(self, causes, i, k, factors):
+        """Causes with parameter k of cause i times each of `factors`."""
+        cause, p = causes[i], self.effects[causes[i].name].parameters[k]
+        values = [float(np.clip(cause.params[k] * f, p.low, p.high)) for f in factors]
+        return [(*causes[:i], replace(cause, params=(*cause.params[:k], v, *cause.params[k + 1 :])), *causes[i + 1 :]) for v in values]
+
+    def _best_of(self, fit, trials):
+        trials = [t for t in trials if t != fit.causes]
+        if not trials:
+            return fit
+        lefts = self.lefts(trials)
+        costs = (lefts**2).sum(0) + [self.guesses(t) for t in trials]
+        j = int(costs.argmin())
+        return Fit(trials[j], float(costs[j]), lefts[:, j]) if costs[j] < fit.cost - 1e-9 else fit

@@ -1,0 +1,154 @@
+"""What a search says: which causes matter, how sure each is, which others do as well, and whether something is left."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import ahead
+from .fit import Cause, Fit
+
+SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # share of the way driven that a gap must be to matter; of the sensor's noise
+PAYS = 0.1  # of the gap above the floor, that a cause must close at one of the horizons
+UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
+RIVALS = 5  # that are fitted in full
+DOUBT = 0.8  # of a confidence stays where something is left
+SPREAD = 50  # rows of a block that counts as one observation
+TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Of one cause: what its absence would cost, how sure it is (0 to 1), which others may be it, and what it does to predictions."""
+
+    worth: float
+    confidence: float
+    others: tuple
+    rest: Fit
+    absorbed: dict
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left: systematic or the robot's own random motion, at the longest horizon."""
+
+    gap: float
+    of: float
+    smallest: float
+
+    @property
+    def share(self):
+        return min(self.gap / self.of, 1.0) if self.of > 0 else 0.0
+
+    @property
+    def shows(self):
+        return self.gap > self.smallest
+
+    @property
+    def matters(self):
+        return self.gap > self.smallest and self.share > UNEXPLAINED
+
+
+def dropped(fitter, fit):
+    """[fit without each cause]."""
+    return [fitter.refine(fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 5) for i in range(len(fit.causes))]
+
+
+def _rivals(search, fit, rest, i):
+    """[fits with another effect in the place of cause i], the likeliest."""
+    fitter = search.fitter
+    likely = [c for _, c in search.candidates(rest) if c.name != fit.causes[i].name and c.name not in rest.names][:RIVALS]
+    likely = [Cause(c.name, c.params, fit.causes[i].segments) for c in likely]
+    return [fitter.refine(fitter.fit_of((*rest.causes, c)), 6) for c in likely]
+
+
+def proofs(search, fit, rests, left):
+    out = []
+    for i, rest in enumerate(rests):
+        worth = max(rest.cost - fit.cost, 0.0)
+        rivals = _rivals(search, fit, rest, i)
+        absorbed = {r.causes[-1].name: float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
+        behind = {r.causes[-1].name: r.cost - fit.cost for r in rivals}
+        others = tuple(n for n, d in behind.items() if d < search.price and absorbed[n] > 0.5)
+        heat = 2.0 * (1 + 50 * left.share)
+        odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in [*behind.values(), worth])
+        sure = (1 - left.share) / (1 + odds) * (DOUBT if left.shows else 1.0)
+        out.append(Proof(float(worth), float(sure), others, rest, absorbed))
+    return out
+
+
+def left(path, noise, before, starts):
+    """The Left beside causes whose noise this is; before: {gap: errors (S, H)} of the nominal simulator."""
+    gap = next(iter(path.gaps))
+    h = int(np.flatnonzero(np.isfinite(before[gap]).any(0)).max(initial=0))
+    sensor = ahead.rms(ahead.floor(path, noise.quiet(path), starts)[gap])[h]
+    whole = ahead.rms(ahead.floor(path, noise, starts)[gap])[h]
+    first = ahead.rms(before[gap])[h]
+    return Left(float(np.sqrt(max(whole**2 - sensor**2, 0))), float(np.sqrt(max(first**2 - sensor**2, 1e-12))), path.smallest(h, noise))
+
+
+def paying(search, state, starts):
+    """The state without causes that do not pay on rows that they were not fitted on; those are `small`."""
+    path, small = search.path, []
+    while state.fit.causes:
+        fitter = search.at(state)
+        rests = dropped(fitter, state.fit)
+        least = ahead.floor(path, state.noise, starts)
+        now = ahead.after(fitter, state.fit, starts)
+        gains = []
+        for rest in rests:
+            then = ahead.after(fitter, rest, starts)
+            moved = ahead.moved(path, state.fit.causes, rest.causes, starts)
+            best = 0.0
+            for gap in path.gaps:
+                a, b, f = (ahead.rms(v[gap])[1:] for v in (then, now, least))
+                enough = (a - b > 0.1 * path.smallest_of(gap, state.noise)) & (moved[gap][1:] > path.smallest_of(gap, state.noise))
+                best = max(best, float(np.nanmax(np.where(enough, (a - b) / np.maximum(a - f, 1e-9), 0), initial=0)))
+            gains.append(best)
+        i = int(np.argmin(gains))
+        if gains[i] > PAYS:
+            return state, small
+        small.append(state.fit.causes[i])
+        state = search.settled(rests[i])
+    return state, small
+
+
+def intervals(fitter, fit):
+    """95 % intervals (p, 2) in usual sizes, robust to noise that differs between blocks of rows."""
+    if not fit.causes:
+        return np.zeros((0, 2))
+    J = fitter.jacobian(fit)
+    rows = SPREAD * fitter.path.E.shape[1]
+    scores = np.add.reduceat(J * fit.left[:, None], np.arange(0, len(J), rows), axis=0)
+    known, spread = (J**2).sum(0) > 1e-6, np.full(J.shape[1], np.nan)
+    if known.any():
+        inverse = np.linalg.pinv(J[:, known].T @ J[:, known], rcond=1e-12)
+        meat = scores[:, known].T @ scores[:, known]
+        spread[known] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), np.diag(inverse)))
+    return fitter.vector(fit.causes)[0][:, None] + 1.96 * spread[:, None] * np.array([-1, 1])
+
+
+def untestable(search, fit):
+    """Effects that would not show in this log at their usual size."""
+    fitter, out = search.fitter, []
+    J = fitter.jacobian(fit)
+    Q = np.linalg.qr(J)[0] if J.shape[1] else J
+    names = [n for n in fitter.effects if n not in fit.names]
+    if not names:
+        return out
+    trials = [(*fit.causes, Cause(n, tuple(p.usual for p in fitter.effects[n].parameters))) for n in names]
+    G = fitter.lefts(trials) - fit.left[:, None]
+    G = G - Q @ (Q.T @ G)
+    return [n for n, size in zip(names, (G**2).sum(0)) if size < TESTABLE * search.price]
+
+
+def ranking(search, base, fit, proved):
+    """[(name, score)]."""
+    whole = max(base.cost - fit.cost, 1e-9)
+    score = {c.name: 1 + p.worth / whole for c, p in zip(fit.causes, proved)}
+    for gain, cause in search.candidates(base):
+        if cause.name not in score:
+            share = gain / whole if not fit.causes else max([p.absorbed.get(cause.name, 0) * p.worth / whole for p in proved])
+            score[cause.name] = share
+    for name in search.fitter.effects:
+        score.setdefault(name, 0.0)
+    return sorted(score.items(), key=lambda s: -s[1])

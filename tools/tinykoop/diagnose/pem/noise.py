@@ -1,0 +1,93 @@
+"""Sensor noise and random motion of the robot, by maximum likelihood."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize
+
+from ...bridge.whitening import whiten
+
+QUIET = 2e-4  # of the usual speed: less random motion than that is none
+CORRELATED = 1e-2  # of a row with the next, below which sensor noise is white
+BEGIN = 0.3  # correlation from which a search of it begins
+WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter well conditioned
+SPREAD = 30.0  # standard deviations of a start: it is free
+LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
+ROUNDS, TOLERANCE = 15, 1e-7
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations and correlations from row to row: of the sensor per channel (c,), of random motion per axis (r,)."""
+
+    sensor: np.ndarray
+    sensor_rho: np.ndarray
+    process: np.ndarray
+    process_rho: np.ndarray
+
+    def quiet(self, path):
+        """Without random motion."""
+        return replace(self, process=QUIET * path.usual)
+
+
+def first(path):
+    """White, from third differences, which a smooth motion does not reach."""
+    d = np.diff(path.measured, 3, axis=0)[path.whole]
+    sd = 1.4826 * np.median(np.abs(d), axis=0) / np.sqrt(20)
+    sensor = np.array([np.sqrt(np.mean(sd[path.alike == g] ** 2)) for g in path.alike])
+    r = len(path.usual)
+    return Noise(np.maximum(sensor, path.finest), np.zeros(len(sensor)), QUIET * path.usual, np.full(r, np.exp(-path.dt / 0.3)))
+
+
+def whitened(path, noise, D, E):
+    """(innovations (K, c, q), log determinant)."""
+    coloured = noise.sensor_rho > CORRELATED
+    variance = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * path.present
+    return whiten(
+        path.begins, path.A, path.G, variance, SPREAD * path.spread, path.C, noise.process, noise.process_rho,
+        np.where(coloured, noise.sensor, 0.0), np.where(coloured, noise.sensor_rho, 0.0), D, E,
+    )  # fmt: skip
+
+
+class _Vector:
+    """Noise as the numbers that a search moves: logarithms, and correlations if sensor noise is coloured."""
+
+    def __init__(self, path, coloured):
+        self.path, self.coloured = path, coloured
+        self.groups = np.unique(path.alike)
+        g, r = len(self.groups), len(path.usual)
+        self.cuts = np.cumsum([g, r, 1])
+        self.bounds = [*([(np.log(path.finest.min()), 3.0)] * g), *([(np.log(QUIET), np.log(2.0))] * r)]
+        self.bounds += [(np.log(path.dt / 2), np.log(LASTS)), *([(0.0, 0.97)] * g * coloured)]
+
+    def of(self, noise):
+        first = [int(np.argmax(self.path.alike == g)) for g in self.groups]
+        tau = -self.path.dt / np.log(noise.process_rho[0])
+        z = [*np.log(noise.sensor[first]), *np.log(noise.process / self.path.usual), np.log(tau)]
+        z += [*np.maximum(noise.sensor_rho[first], BEGIN)] if self.coloured else []
+        return np.clip(z, *np.transpose(self.bounds))
+
+    def noise(self, z):
+        sensor, process, tau, rho = np.split(z, self.cuts)
+        pick = np.searchsorted(self.groups, self.path.alike)
+        keeps = np.full(len(process), np.exp(-self.path.dt / np.exp(tau[0])))
+        rho = rho if self.coloured else np.zeros(len(self.groups))
+        return Noise(np.exp(sensor)[pick], rho[pick], np.exp(process) * self.path.usual, keeps)
+
+
+def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
+    """(Noise, -2 log likelihood) of residuals D (K, n, 1), E (K, c, 1), from where `noise` is.
+
+    coloured: whether the sensor's noise may be; if not given, whether it is.
+    """
+    vector = _Vector(path, bool((noise.sensor_rho > CORRELATED).any()) if coloured is None else coloured)
+
+    def surprise(z):
+        out, log_det = whitened(path, vector.noise(z), D, E)
+        return float((out**2).sum() + log_det)
+
+    starts = [vector.of(n) for n in (noise, noise.quiet(path), replace(first(path), sensor_rho=noise.sensor_rho))]
+    found = optimize.minimize(
+        surprise, min(starts, key=surprise), method="L-BFGS-B", bounds=vector.bounds, options={"maxiter": rounds, "ftol": TOLERANCE, "eps": 1e-4}
+    )
+    return vector.noise(found.x), float(found.fun)

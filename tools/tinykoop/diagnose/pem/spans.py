@@ -1,0 +1,170 @@
+"""When causes act: stretches of time, told by how much each part of the log gains."""
+
+from dataclasses import replace
+
+import numpy as np
+
+BLOCKS, FEWEST = 30, 15  # parts of a log; rows of one, at least
+REACH, STRIDE, NEAR = 120, 12, 14  # rows by which an edge is moved, in strides; then row by row
+TURNS = 3
+JUMP, JUMPS = 6.0, 6  # standard deviations of an innovation that may be an edge; so many of these
+SHORT = 8  # rows at the ends of a log, where nothing comes or goes
+LEAST = 0.05  # of a log, that anything comes or goes for
+
+
+def blocks(path):
+    """First rows of parts (B + 1)."""
+    K = len(path.begins)
+    return np.unique(np.linspace(0, K, max(min(BLOCKS, K // FEWEST), 1) + 1).round().astype(int))
+
+
+def _span(first, last, path):
+    """Rows as times; ends of the log are open."""
+    K = len(path.begins)
+    return 0.0 if first <= path.settled + SHORT else float(first * path.dt), np.inf if last >= K - SHORT else float(last * path.dt)
+
+
+def masked(push, edges):
+    """A push (K, n) in each part by itself (K, n, B)."""
+    out = np.zeros((*push.shape, len(edges) - 1))
+    for b, (first, last) in enumerate(zip(edges, edges[1:])):
+        out[first:last, :, b] = push[first:last]
+    return out
+
+
+def best_stretch(columns, left, edges, free=True):
+    """(gain, (first, last) part, scale) of the run of columns (n, B) that takes most of `left`; free: at any positive scale."""
+    gram, slope = columns.T @ columns, -(columns.T @ left)
+    total = np.concatenate([[0], np.cumsum(slope)])
+    area = np.zeros((len(slope) + 1,) * 2)
+    area[1:, 1:] = gram.cumsum(0).cumsum(1)
+    i, j = np.triu_indices(len(total), 1)
+    long = edges[j] - edges[i] >= LEAST * (edges[-1] - edges[0])
+    i, j = i[long], j[long]
+    s = total[j] - total[i]
+    g = np.maximum(area[j, j] - area[i, j] - area[j, i] + area[i, i], 1e-9)
+    scale = np.clip(s / g, -4, 4) if free else np.ones_like(s)
+    gain = 2 * scale * s - scale**2 * g
+    k = int(gain.argmax())
+    return float(gain[k]), (int(i[k]), int(j[k])), float(scale[k])
+
+
+def seconds(span, edges, path):
+    """A stretch of parts as times."""
+    return _span(edges[span[0]], edges[span[1]], path)
+
+
+def parts(path, beside, cause, edges):
+    """What a cause pushes in each part by itself (K, n, B), beside others.
+
+    A sensor's effect jumps where it comes and goes, so it is asked part by part; the others act row by row.
+    """
+    if path.effects[cause.name].block == "sensor":
+        some = [replace(cause, segments=((a * path.dt, b * path.dt),)) for a, b in zip(edges, edges[1:])]
+        return path.steps([(*beside, c) for c in some]) - path.steps([beside])
+    along = (*beside, replace(cause, segments=((0.0, np.inf),)))
+    return masked((path.steps([along]) - path.steps([beside]))[..., 0], edges)
+
+
+def _acts(cause, path):
+    """Rows (K,) in which it does."""
+    t = (np.arange(len(path.begins)) + 0.5) * path.dt
+    return np.any([(t >= a) & (t < b) for a, b in cause.segments], axis=0)
+
+
+def _changes(fitter, fit, i, edges):
+    """Columns (n, B) of cause i coming, or going, in each part."""
+    path, cause = fitter.path, fit.causes[i]
+    rest = fit.causes[:i] + fit.causes[i + 1 :]
+    acts = _acts(cause, path)
+    signs = np.where(acts[np.minimum((edges[:-1] + edges[1:]) // 2, len(acts) - 1)], -1.0, 1.0)
+    return fitter.whiten(parts(path, rest, cause, edges)) * signs
+
+
+def _with(fit, i, acts, path):
+    """Causes with cause i in the rows `acts` (K,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], acts, [False]]).astype(int))).reshape(-1, 2)
+    spans = tuple(_span(a, b, path) for a, b in edges if b - a > SHORT and a < len(acts) - SHORT and b > path.settled + SHORT)
+    return (*fit.causes[:i], replace(fit.causes[i], segments=spans), *fit.causes[i + 1 :]) if spans else None
+
+
+def _jumps(path, left):
+    """Rows where what is measured jumps."""
+    size = np.abs(left.reshape(len(path.begins), -1)).max(1)
+    largest = np.argsort(-size)[:JUMPS]
+    return [int(k) for k in largest if size[k] > JUMP and SHORT < k < len(size) - SHORT]
+
+
+def toggled(fitter, fit, price):
+    """The fit with one stretch of one cause on instead of off, or off instead of on; None if none gains more than `price`."""
+    even, jumps, best = blocks(fitter.path), _jumps(fitter.path, fit.left), None
+    for i in range(len(fit.causes)):
+        acts = _acts(fit.causes[i], fitter.path)
+        edges = np.unique([*even, *jumps, *(row for j, row in _rows(fit, fitter.path) if j == i)])
+        gain, (a, b), _ = best_stretch(_changes(fitter, fit, i, edges), fit.left, edges, free=False)
+        if best is None or gain > best[0]:
+            rows = acts.copy()
+            rows[edges[a] : edges[b]] = ~rows[edges[a] : edges[b]]
+            best = gain, _with(fit, i, _mended(rows), fitter.path)
+    if best is None or best[0] < price or best[1] is None:
+        return None
+    return edges_settled(fitter, fitter.refine(fitter.fit_of(best[1]), 4))
+
+
+def _mended(acts):
+    """Without stretches, on or off, that are too short, the shortest first."""
+    acts = acts.copy()
+    while True:
+        ends = np.concatenate([[0], np.flatnonzero(np.diff(acts)) + 1, [len(acts)]])
+        length = np.diff(ends)
+        k = int(length.argmin())
+        if len(length) == 1 or length[k] >= LEAST * len(acts):
+            return acts
+        acts[ends[k] : ends[k + 1]] = ~acts[ends[k] : ends[k + 1]]
+
+
+def _rows(fit, path):
+    """(cause, edge row) of every edge inside the log."""
+    return [(i, round(e / path.dt)) for i, c in enumerate(fit.causes) for span in c.segments for e in span if e and np.isfinite(e)]
+
+
+def _moved(fitter, fit, i, row, first, last, stride):
+    """The fit with one edge moved to where it costs least between rows first and last."""
+    acts = _acts(fit.causes[i], fitter.path)
+    K = len(acts)
+    stops = np.unique(np.clip(np.r_[np.arange(first, row, stride), row, np.arange(row + stride, last + 1, stride)], 1, K - 1))
+    columns = _changes(fitter, fit, i, stops)
+    here = int(np.searchsorted(stops, row))
+    left = fit.left[:, None] + np.concatenate(
+        [np.cumsum(columns[:, :here][:, ::-1], 1)[:, ::-1], np.zeros((len(columns), 1)), np.cumsum(columns[:, here:], 1)], 1
+    )
+    best = int((left**2).sum(0).argmin())
+    if best == here:
+        return fit
+    rows = acts.copy()
+    a, b = sorted((stops[best], row))
+    rows[a:b] = ~rows[a:b]
+    causes = _with(fit, i, rows, fitter.path)
+    trial = fitter.fit_of(causes) if causes else fit
+    return trial if trial.cost < fit.cost else fit
+
+
+def edges(fitter, fit):
+    """Every edge at the row where it fits best, strides first."""
+    for stride, reach in ((STRIDE, REACH), (1, NEAR)):
+        for k in range(len(_rows(fit, fitter.path))):
+            every = _rows(fit, fitter.path)
+            if k < len(every):
+                i, row = every[k]
+                fit = _moved(fitter, fit, i, row, row - reach, row + reach, stride)
+    return fit
+
+
+def edges_settled(fitter, fit):
+    """Edges and sizes in turn."""
+    for _ in range(TURNS):
+        better = fitter.refine(edges(fitter, fit), 3)
+        if better.cost > fit.cost - 1:
+            return min(better, fit, key=lambda f: f.cost)
+        fit = better
+    return fit

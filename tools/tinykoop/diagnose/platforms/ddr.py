@@ -1,0 +1,161 @@
+"""The differential-drive robot of host_sim/: pose (px, py, theta), commands (v, omega)."""
+
+import numpy as np
+
+from ... import bridge
+from .. import features
+from ..pem.fit import Effect
+from ..robot import Parameter
+
+name = "ddr"
+CURVES = ("pacejka_slip", "stribeck_friction")
+LINEAR = ("speed_gain", "battery_sag", "yaw_gain", "wheel_asymmetry", "yaw_bias", "lateral_skid", "world_drift", "sensor_lever_arm",
+          "heading_bias")  # fmt: skip
+RAYS = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)
+# Noise is measured, not fitted.
+NOT_FITTED = ("measurement_noise",)
+# A real robot moves in continuous time: where nothing speaks against it, that is assumed.
+VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
+LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
+SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
+FINEST = np.array([1e-6, 1e-6, 1e-6])
+
+
+def _inside(params, spec):
+    return tuple(float(np.clip(v, p.low, p.high)) for v, p in zip(params, spec))
+
+
+def _limits(u, quantiles):
+    """Both at once and each alone, at quantiles of the commands' sizes."""
+    out = []
+    for q in quantiles:
+        size = [np.quantile(a, q) if len(a := np.abs(c)[np.abs(c) > 1e-9]) else 0.0 for c in u.T]
+        out += [v for v in ((size[0], size[1]), (size[0], 0.0), (0.0, size[1])) if max(v) > 1e-6]
+    return out
+
+
+def _starts(name, spec, u):
+    usual = np.array([p.usual for p in spec])
+    if name == "saturation":
+        return _limits(u, (0.97, 0.9, 0.75, 0.5, 0.3))
+    if name == "dead_band":
+        return _limits(u, (0.05, 0.12, 0.2, 0.3, 0.45))
+    if name in LINEAR:
+        return list(np.diag(usual))
+    if name == "pacejka_slip":
+        return [usual * (1, 1, s, 1, 1) for s in (0.3, 1.0, 3.0)]
+    if name == "stribeck_friction":
+        return [usual * s for s in (0.3, 1.0, 1.6)]
+    signs = (1, -1) if spec[0].low < 0 else (1,)
+    return [usual * s * r for s in signs for r in RAYS]
+
+
+def effects(u):
+    """{name: Effect} in the order of action, for commands u (K, 2)."""
+    found = {}
+    for key, (block, rows) in bridge.effects().items():
+        spec = tuple(Parameter(*row) for row in rows)
+        if key not in NOT_FITTED:
+            starts = tuple(dict.fromkeys(_inside(start, spec) for start in _starts(key, spec, u)))
+            found[key] = Effect(key, block, spec, starts, key in LINEAR, key in ("saturation", "dead_band", "backlash"), key in CURVES)
+    return found
+
+
+def _short(angle):
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+class Path:
+    """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading."""
+
+    channels = ("longitudinal", "lateral", "heading")
+    alike = np.array([0, 0, 1])
+    finest = FINEST
+    C = np.eye(3)
+    variants = tuple(title for title, _ in VARIANTS)
+
+    def __init__(self, log, without=(), variant=0):
+        self.log, self.dt, self.variant = log, log.dt, variant
+        self.u = log.u if len(log.u) == len(log.x) else np.vstack([log.u, log.u[-1:]])
+        self.effects = {key: effect for key, effect in effects(self.u).items() if key not in without}
+        self.begins = np.concatenate([[1], ~log.usable]).astype(np.int32)
+        self.whole = log.usable[:-2] & log.usable[1:-1] & log.usable[2:]
+        known = np.isfinite(log.x).all(1)
+        self.settled = SETTLE if len(log.x) > 8 * SETTLE else 0
+        known[: self.settled] = False
+        self.present = np.where(known[:, None], 1.0, np.inf) * np.ones(3)
+        self.measured = log.x.copy()
+        there = np.isfinite(log.x).all(1)
+        self.measured[there, 2] = np.unwrap(log.x[there, 2])
+        self.measured[~there] = 0.0
+        v, w = np.sqrt(np.mean(self.u**2, axis=0))
+        self.usual = np.maximum([v, v, w], LEAST)
+        self.spread = np.ones(3)
+        self.follow(self.measured)
+
+    def follow(self, X):
+        """Takes X (K, 3) as the reference path."""
+        K = len(X)
+        self.X = X
+        c, s = np.cos(X[:, 2]), np.sin(X[:, 2])
+        self._to_axes = np.zeros((K, 3, 3))
+        self._to_axes[:, 0, 0] = self._to_axes[:, 1, 1] = c
+        self._to_axes[:, 0, 1], self._to_axes[:, 1, 0] = s, -s
+        self._to_axes[:, 2, 2] = 1
+        self.E = self._turned(self.measured - X)
+        self._set_variant(self.variant)
+        way = np.diff(X, axis=0)
+        world = np.tile(np.eye(3), (K, 1, 1))
+        world[:-1, 0, 2], world[:-1, 1, 2] = -way[:, 1], way[:, 0]
+        self.A = world.copy()
+        self.A[:-1] = self._to_axes[1:] @ world[:-1] @ self._to_axes[:-1].swapaxes(1, 2)
+        self.G = self.dt * np.tile(np.eye(3), (K, 1, 1))
+
+    def _set_variant(self, variant):
+        self.variant = variant
+        K = len(self.X)
+        self._rollouts = bridge.Rollouts(self.X, self.u, self.dt, np.arange(K - 1), [1], None, VARIANTS[variant][1])
+
+    def _turned(self, d):
+        return (self._to_axes @ d[..., None])[..., 0]
+
+    def steps(self, trials):
+        """What one step of the simulator with each trial's causes ends beside the path, (K, 3, trials)."""
+        return np.stack([self._beside(causes) for causes in trials], -1)
+
+    def _beside(self, causes):
+        active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
+        predicted, _ = self._rollouts.predict(active)
+        D = predicted[:, 0] - self.X[1:]
+        D[:, 2] = _short(D[:, 2])
+        D[~np.isfinite(D).all(1)] = 0
+        out = np.zeros((len(self.X), 3))
+        out[:-1] = (self._to_axes[1:] @ D[..., None])[..., 0]
+        return out
+
+    def ahead(self, causes, starts, horizons):
+        """Measured less predicted (S, H, 3), along, across and in heading, from the measured poses in rows `starts`; NaN beyond what is usable."""
+        active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
+        steps = np.minimum(horizons, len(self.log.x) - 1)
+        _, r = bridge.Rollouts(self.log.x, self.u, self.dt, starts, steps, self.log.usable, VARIANTS[self.variant][1]).predict(active)
+        return r.copy()
+
+    def smallest_of(self, gap, noise, rows=50):
+        """A gap that matters, m or rad, that many rows ahead."""
+        way = np.hypot(*np.diff(self.log.x[:, :2], axis=0)[self.log.usable].T).mean() * rows
+        turn = np.abs(self.u[:, 1]).mean() * rows * self.dt
+        return max(0.002 * way, 0.5 * noise.sensor[0]) if gap == "position" else max(0.002 * turn, 0.5 * noise.sensor[2], 0.003)
+
+    def smallest(self, h, noise):
+        return self.smallest_of("position", noise)
+
+    gaps = {"position": ("m", (0, 1)), "heading": ("rad", (2,))}
+
+    def generic(self):
+        """[((function, channel))], pushes (K, 3, q) by plain functions of command, heading, time and place."""
+        names, columns = [], []
+        for title, (values, on) in features.functions(self.u, self.X, self.dt).items():
+            for channel in on:
+                names.append((title, channel))
+                columns.append(self.G[:, :, channel] * values[:, None])
+        return names, np.stack(columns, -1)

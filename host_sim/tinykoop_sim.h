@@ -136,6 +136,19 @@ typedef struct tk_path {
 TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *D,
                      const double *E, double *out, double *log_det);
 
+/* Eight noises at once: rows of r or c for each; white: variance of sensor noise; coloured may be null. */
+typedef struct tk_noises {
+	size_t n, r, c;
+	const double *start, *C;
+	const double *process, *process_keeps;
+	const double *white, *coloured, *coloured_keeps;
+} tk_noises;
+
+/* -2 log likelihood, but for a constant, of one residual under each of eight noises, into `out`; the variances of
+ * `path` are multiples of the noises' own. */
+TK_API int tk_surprise(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E,
+                       double *out);
+
 /* A flight of the flapping-wing vehicle as tk_log_get() gives it, and how to follow it. */
 typedef struct tk_flown {
 	size_t rows;

@@ -35,3 +35,27 @@ def whiten(begins, A, G, variance, start, C, push, push_keeps, coloured, coloure
         ct.byref(log_det),
     )  # fmt: skip
     return out, log_det.value
+
+
+LANES = 8
+
+
+class _Noises(ct.Structure):
+    _fields_ = [(name, ct.c_size_t) for name in ("n", "r", "c")] + [
+        (name, ct.c_void_p) for name in ("start", "C", "process", "process_keeps", "white", "coloured", "coloured_keeps")
+    ]
+
+
+def surprises(begins, A, G, present, start, C, process, process_keeps, white, coloured, coloured_keeps, D, E):
+    """-2 log likelihoods (8,) of one residual D (K, n), E (K, c) under noises whose rows are process (8, r), white (8, c), .."""
+    if not np.any(coloured):
+        coloured = coloured_keeps = None
+    begins = np.ascontiguousarray(begins, np.int32)
+    kept = [None if a is None else reals(a) for a in (A, G, present, start, C, process, process_keeps, white, coloured, coloured_keeps, D, E)]
+    A, G, present, start, C, process, process_keeps, white, coloured, coloured_keeps, D, E = kept
+    K, n, r = G.shape
+    out = np.empty(LANES)
+    noises = _Noises(n, r, E.shape[1], *map(address, (start, C, process, process_keeps, white, coloured, coloured_keeps)))
+    path = _Path(*map(address, (begins, A, G, present)))
+    call("tk_surprise", ct.byref(noises), ct.c_size_t(K), ct.byref(path), address(D), address(E), address(out))
+    return out

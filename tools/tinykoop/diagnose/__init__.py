@@ -7,12 +7,12 @@ where, advise -> diagnosis (the report) -> page (what people read).
 import sys
 from pathlib import Path
 
-from .. import platforms
+from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
 from . import own, page, words
 from .diagnosis import diagnose, in_log_time, load
-from .platform import PLATFORMS
+from .platforms import ddr
 from .robots import is_own
 
 __all__ = ["diagnose", "in_log_time", "load", "page", "run", "words"]
@@ -29,9 +29,8 @@ def _arguments(path, fresh, platform, without, healthy):
         return kind, (log, fresh_log, without, own)
     if healthy:
         raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
-    robot = PLATFORMS[platform]()
-    log, fresh_log = (load(file, robot) if file else None for file in (path, fresh))
-    return sys.modules[__name__], (log, robot, fresh_log, without)
+    log, fresh_log = (load(file) if file else None for file in (path, fresh))
+    return sys.modules[__name__], (log, ddr, fresh_log, without)
 
 
 def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
@@ -42,7 +41,7 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
     """
     if sim and not (robot and is_own(robot)):
         raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
-    robot = platforms.of_log(path) if robot is None else robot
+    robot = of_log(path) if robot is None else robot
     if is_own(robot):
         return own.run(path, robot, out, fresh, without, healthy, sim)
     with busy(f"diagnosing {Path(path).name}"):

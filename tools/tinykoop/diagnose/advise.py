@@ -3,8 +3,7 @@
 import numpy as np
 
 from .. import bridge
-from .fit import Fitter
-from .pieces import Pieces
+from .pem.fit import Cause, Fitter
 
 SECONDS, FEWEST_ROWS = 40.0, 200
 PAIRS = 6  # that are to be told apart, at most
@@ -39,16 +38,20 @@ def drives(u, dt):
     }
 
 
-def _driven(pieces, u, name, params):
+def _driven(platform, path, noise, u, name, params):
     """A Fitter on drive u (K, 2) of a robot with this effect, free of noise but judged by that of the log."""
-    platform, dt = pieces.platform, pieces.log.dt
-    x = platform.simulate(u[:-1], dt, [bridge.Effect(name, params)], pieces.integrator)
-    driven = Pieces(platform, bridge.Log(np.arange(len(x)) * dt, x, u, np.ones(len(x) - 1, bool), dt), pieces.integrator)
-    driven.set_noise(pieces.noise)
-    return Fitter(driven)
+    x = bridge.simulate(u[:-1], path.dt, active=[bridge.Effect(name, params)], integrator=path.integrator)
+    log = bridge.Log(np.arange(len(x)) * path.dt, x, u, np.ones(len(x) - 1, bool), path.dt)
+    return Fitter(platform.Path(log, variant=path.variant), noise)
 
 
-def advise(search, open_pairs, untestable):
+def _alone(fitter, rival):
+    """The best that a rival can do on a drive."""
+    starts = fitter.effects[rival].starts
+    return fitter.refine(min((fitter.fit_of((Cause(rival, s),)) for s in starts), key=lambda f: f.cost), 4)
+
+
+def advise(platform, path, fitter, open_pairs, untestable):
     """(name, words, commands, {question: separation}) of the drive with the largest least separation.
 
     None if nothing is open. Separation: standard deviations, RMS per row, between an effect and the best that the
@@ -58,15 +61,14 @@ def advise(search, open_pairs, untestable):
     if not questions and not hidden:
         return None
     best = None
-    for title, (words, u) in drives(search.pieces.log.u, search.pieces.log.dt).items():
+    for title, (words, u) in drives(path.u, path.dt).items():
         separation = {}
         for cause, rival in questions:
-            fitter = _driven(search.pieces, u, cause.name, cause.params)
-            alone = fitter.refine(fitter.scan(rival, fitter.fit_of(()))[0], steps=4)
+            alone = _alone(_driven(platform, path, fitter.noise, u, cause.name, cause.params), rival)
             separation[f"{cause.name} or {rival}"] = float(np.sqrt(alone.cost / len(u)))
         for name in hidden:
-            usual = tuple(p.usual for p in search.fitter.effects[name][1])
-            nominal = _driven(search.pieces, u, name, usual).fit_of(())
+            usual = tuple(p.usual for p in fitter.effects[name].parameters)
+            nominal = _driven(platform, path, fitter.noise, u, name, usual).fit_of(())
             separation[f"{name} or not"] = float(np.sqrt(nominal.cost / len(u)))
         if best is None or min(separation.values()) > min(best[3].values()):
             best = title, words, u, separation

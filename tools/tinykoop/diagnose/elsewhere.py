@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from .fit import ALWAYS
+from .pem.fit import ALWAYS
 
 AT_END = "loss_at_end"  # a parameter that is reached where the log ends, or the stretch in which the effect acts
 
@@ -19,9 +19,9 @@ def carry(causes, effects, logs, cost):
     """[(cause that acts all along, whether it acts)] of a fit of the first of two logs on the second.
 
     What came or went on the first log acts all along on the second or not at all, whichever costs less there; a loss
-    grows as fast as on the first. effects: as platform.effects(). cost(causes): misfit of the second log.
+    grows as fast as on the first. effects: {name: Effect}. cost(causes): misfit of the second log.
     """
-    along = [replace(_as_fast(cause, effects[cause.name][1], *map(seconds, logs)), segments=ALWAYS) for cause in causes]
+    along = [replace(_as_fast(cause, effects[cause.name].parameters, *map(seconds, logs)), segments=ALWAYS) for cause in causes]
     choices = product(*((True,) if cause.segments == ALWAYS else (True, False) for cause in causes))
     return list(zip(along, min(choices, key=lambda acts: cost(acting(zip(along, acts))))))
 
@@ -34,7 +34,7 @@ def acting(carried):
 def told(carried, effects):
     """carry() as the report has it."""
     return [
-        {"name": c.name, "params": {p.name: float(v) for p, v in zip(effects[c.name][1], c.params)}, "acts": acts} for c, acts in carried
+        {"name": c.name, "params": {p.name: float(v) for p, v in zip(effects[c.name].parameters, c.params)}, "acts": acts} for c, acts in carried
     ]
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from ..plumbing.results import number
 from . import words
-from .fit import active
-from .measure import HORIZONS
+from .pem.ahead import HORIZONS
 
 WIDTH = 480  # of every figure, px; narrower screens scale it
 MOST_POINTS = 1500  # of a path: more are not seen
@@ -224,16 +223,15 @@ def channels(report, label):
 
 def predictions(result):
     """(rows (W, n + 1), before, after (W, n + 1, 2)): one after the other along the log, each from a measured pose."""
-    log, pieces = result.log, result.pieces
+    log = result.log
     edges = np.flatnonzero(np.diff(np.concatenate([[0], log.usable.astype(int), [0]])))
     runs = edges.reshape(-1, 2)
     steps = min(HORIZONS[-1], int((runs[:, 1] - runs[:, 0]).max()))
     starts = np.concatenate([np.arange(a, b - steps + 1, steps) for a, b in runs])
     rows = starts[:, None] + np.arange(steps + 1)
-    rollouts = pieces.platform.rollouts(log.x, log.u, log.dt, starts, np.arange(1, steps + 1), log.usable, pieces.integrator)
     out = []
     for causes in ((), result.fit.causes):
-        predicted, _ = rollouts.predict(active(causes))
+        predicted, _ = result.path.predicted(causes, starts, np.arange(1, steps + 1))
         out.append(np.concatenate([log.x[starts][:, None, :2], predicted[..., :2]], axis=1))
     return rows, *out
 
@@ -292,9 +290,9 @@ def time_line(result, label):
     report = result.report
     key = words.horizon(report["gap"])
     j = [str(H) for H in HORIZONS].index(key) if key else 0
-    errors = result.before.position[:, j], result.after.position[:, j], result.floor[:, j, 0]
+    errors = [part["position"][:, j] for part in (result.before, result.after, result.floor)]
     error = f"error {words.ahead(key, report)} (m)" if key else "error (m)"
-    return over_time(result, result.before.starts, errors, label, error, report["where"]["segments"])
+    return over_time(result, result.path.rows[result.starts], errors, label, error, report["where"]["segments"])
 
 
 def over_time(result, starts, errors, label, error, segments):

@@ -2,51 +2,47 @@
 
 import numpy as np
 
-from .measure import HORIZONS, longest
+from .pem.ahead import HORIZONS
 
 BINS = 4
 BLOCKS = 8
 
 
-def _excess(errors, least):
-    """Squared error above the noise, not below zero."""
-    return np.maximum(np.nan_to_num(errors) ** 2 - least**2, 0)
+def located(path, before, least, starts, fit):
+    """The `where` of the report."""
+    h = int(np.flatnonzero(np.isfinite(before["position"]).any(0)).max(initial=0))
+    edges = sorted({float(e) for c in fit.causes for span in c.segments for e in span if e and np.isfinite(e)})
+    rows = path.rows[starts]
+    excess = np.maximum(np.nan_to_num(before["position"][:, h]) ** 2 - least["position"][:, h] ** 2, 0)
+    return {
+        "channels": channels(path, least, starts, h),
+        "segments": segments(excess, path.log, rows + HORIZONS[h] // 2, edges),
+        "regions": regions(excess, path.log, path.u, rows, HORIZONS[h]),
+    }
 
 
-def channels(before, least, log):
+def channels(path, least, starts, h):
     """Share of each body axis in the squared error above the noise, heading as the error it grows to in the window."""
-    j = longest(before)
-    starts = before.starts
-    ends = np.minimum(starts + HORIZONS[j], len(log.x) - 1)
-    half_way = 0.5 * np.sqrt(np.mean(np.sum((log.x[ends, :2] - log.x[starts, :2]) ** 2, axis=1)))
-    axis_floor = least[:, j, 0] / np.sqrt(2)
-    size = [
-        _excess(before.along[:, j, 0], axis_floor).mean(),
-        _excess(before.along[:, j, 1], axis_floor).mean(),
-        _excess(before.heading[:, j], least[:, j, 1]).mean() * half_way**2,
-    ]
-    total = sum(size) or 1.0
-    return dict(zip(("longitudinal", "lateral", "heading"), (float(s / total) for s in size)))
+    log, rows = path.log, path.rows[starts]
+    ends = np.minimum(rows + HORIZONS[h], len(log.x) - 1)
+    half_way = 0.5 * np.sqrt(np.mean(np.sum((log.x[ends, :2] - log.x[rows, :2]) ** 2, axis=1)))
+    errors = np.nan_to_num(path.ahead((), starts, HORIZONS)[:, h]) ** 2
+    floors = np.stack([least["position"][:, h] ** 2 / 2] * 2 + [least["heading"][:, h] ** 2], 1)
+    size = np.maximum(errors - floors, 0).mean(0) * (1, 1, half_way**2)
+    return dict(zip(path.channels, map(float, size / (size.sum() or 1.0))))
 
 
-def segments(before, least, log, edges):
-    """[(t0, t1, share of the squared error above the noise)] between the edges found, or in equal blocks."""
-    rows = len(log.x)
-    bounds = [0, *edges, rows] if edges else [rows * i // BLOCKS for i in range(BLOCKS + 1)]
-    j = longest(before)
-    excess = _excess(before.position[:, j], least[:, j, 0])
-    middle = np.minimum(before.starts + HORIZONS[j] // 2, rows - 1)
-    part = np.searchsorted(bounds, middle, side="right") - 1
+def segments(excess, log, middle, edges):
+    """[(t0, t1, share of the squared error above the noise)] between the edges (s) found, or in equal blocks."""
+    end = len(log.x) * log.dt
+    bounds = [0.0, *edges, end] if edges else [end * i / BLOCKS for i in range(BLOCKS + 1)]
+    part = np.clip(np.searchsorted(bounds, middle * log.dt, side="right") - 1, 0, len(bounds) - 2)
     size = np.bincount(part, excess, minlength=len(bounds) - 1)
-    share = size / (size.sum() or 1.0)
-    time = [log.dt * row for row in bounds]
-    return [[float(a), float(b), float(s)] for a, b, s in zip(time, time[1:], share)]
+    return [[a, b, float(s)] for a, b, s in zip(bounds, bounds[1:], size / (size.sum() or 1.0))]
 
 
-def regions(before, least, log, u):
+def regions(excess, log, u, starts, H):
     """Kinds of driving with more than their share of the gap, worst first."""
-    j, starts = longest(before), before.starts
-    H = HORIZONS[j]
     ends = np.minimum(starts + H, len(u) - 1)
     mean = lambda values: np.array([values[a:b].mean() if b > a else values[a] for a, b in zip(starts, ends)])  # noqa: E731
     v, w = u.T
@@ -63,7 +59,6 @@ def regions(before, least, log, u):
         "position x": (log.x[starts, 0], "m"),
         "position y": (log.x[starts, 1], "m"),
     }
-    excess = _excess(before.position[:, j], least[:, j, 0])
     whole = excess.mean() or 1.0
     out = []
     for name, (values, unit) in variables.items():

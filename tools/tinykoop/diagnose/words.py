@@ -5,11 +5,11 @@ import math
 from .. import bridge
 from ..plumbing import results
 from .elsewhere import AT_END
-from .noise import LIGHT
 
 SURE = 0.9  # a confidence below is said beside the verdict
 COLOURED = 0.95  # noise that remembers as much is hard to tell from slow errors
 HIDDEN = 0.1  # standard deviations per row, below which a drive separates nothing
+MOVES = 1e-3  # of the usual speed, from which on random motion is told
 MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
 MOST_SPANS = 2  # times of an effect that are told one by one
 MOST_RIVALS = 3
@@ -468,8 +468,7 @@ def cannot_tell(report):
         names = listed(title(name) for name in report["not_testable"])
         said.append(f"NOT TESTABLE: {names}. This drive would hardly show them, so they may act or not.")
     said += open_parameters(report) + unmeasured(report)
-    noise = report["noise"]
-    if max(real(noise["rho_p"]), real(noise["rho_t"])) > COLOURED:
+    if max(real(channel["correlation"]) for channel in report["noise"]["sensor"].values()) > COLOURED:
         said.append(
             "The noise changes so slowly that it cannot be told from slow errors: the noise floor may be too high."
         )
@@ -477,21 +476,28 @@ def cannot_tell(report):
 
 
 def noise(report):
-    """What the noise of the measured pose is like."""
-    n, nu = report["noise"], report["noise"]["tails_nu"]
+    """What the noise of the measured pose is like, and the robot's own random motion."""
+    sensor, process = report["noise"]["sensor"], report["noise"]["process"]
+    position, heading = sensor["position"], sensor["heading"]
     said = [
-        f"A measured position scatters by {length(n['sp'])}, a heading by {angle(n['st'])} (one standard deviation)."
+        f"A measured position scatters by {length(position['sd'])}, a heading by {angle(heading['sd'])} (one standard deviation)."
     ]
-    rho_p, rho_t = real(n["rho_p"]), real(n["rho_t"])
-    colour = "white" if max(abs(rho_p), abs(rho_t)) < 0.1 else "coloured"
-    position, heading = (f"{round(rho, 2) + 0.0:.2f}" for rho in (rho_p, rho_t))  # 0.00, not -0.00
-    said.append(f"The noise is {colour}: from row to row it correlates by {position} (position) and {heading} (heading).")
-    heavy = nu is not None and real(nu) < LIGHT
-    said.append(
-        f"Its tails are heavy (Student's t with {real(nu):.1f} degrees of freedom): outliers count less." if heavy
-        else "Its tails are those of a Gaussian: no outliers to speak of."
-    )  # fmt: skip
-    return said
+    rho = [real(channel["correlation"]) for channel in (position, heading)]
+    colour = "white" if max(rho) < 0.1 else "coloured"
+    said.append(f"The noise is {colour}: from row to row it correlates by {rho[0]:.2f} (position) and {rho[1]:.2f} (heading).")
+    rows = report["noise"]["outliers"]
+    said.append(f"{rows} rows stand out of it: these outliers count less." if rows else "No reading stands out of it.")
+    return [*said, _random_motion(process)]
+
+
+def _random_motion(process):
+    """The robot's own, in shares of its usual speed."""
+    shares = {name: real(axis["share"]) for name, axis in process.items()}
+    if max(shares.values()) < MOVES:
+        return "The robot's own random motion is too small to be seen."
+    sizes = listed(f"{percent(share)} ({'of the speed, ' if name != 'heading' else 'of the yaw rate, '}{name})" for name, share in shares.items())
+    lasts = seconds(next(iter(process.values()))["seconds"])
+    return f"What no effect explains is like random motion of the robot that lasts {lasts}: {sizes}."
 
 
 def rows_of(report):

@@ -23,9 +23,10 @@ def starts_of(path):
 def floor(path, noise, starts):
     """{gap: (S, H)}: error of a perfect model, which starts at what was measured and is compared with what was measured."""
     n, r, c = len(path.spread), len(noise.process), len(noise.sensor)
-    coloured = noise.sensor_rho > CORRELATED
+    coloured, shown = noise.sensor_rho > CORRELATED, np.isfinite(path.present)
+    outliers = np.where(shown, path.present, 0).sum(0) / np.maximum(shown.sum(0), 1)
     tint = np.where(coloured, noise.sensor**2, 0.0)
-    white = np.where(coloured, WHITE, 1.0) * noise.sensor**2
+    white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
     seen = np.abs(path.C).sum(0) > 0
     P = np.zeros((len(starts), n + r + c, n + r + c))
     back = np.linalg.pinv(path.C)
@@ -50,8 +51,7 @@ def floor(path, noise, starts):
 
 
 def _folds(path):
-    rows = max(round(BLOCK / path.dt), 1)
-    return np.arange(len(path.begins)) // rows % FOLDS
+    return (path.t // BLOCK).astype(int) % FOLDS
 
 
 def held_out(fitter, fit):

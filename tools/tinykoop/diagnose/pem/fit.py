@@ -11,6 +11,7 @@ ALWAYS = ((0.0, np.inf),)
 STEP = 1e-3  # of a parameter's usual size, by which slopes are taken
 GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give or take half
 GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 9), 4) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope
+HELD = 1e-3  # of its usual size, to which a parameter counts as at its bound
 SLOPE = 1e-9  # squares, below which there is none
 
 
@@ -86,6 +87,12 @@ class Fitter:
         """What it costs that curves are not as usual."""
         z, _, _, curved = self.vector(causes)
         return float((curved * (z - 1) ** 2).sum()) / GUESS**2
+
+    def held(self, cause):
+        """Names of the parameters that a bound keeps from going on; zero is no effect, not a bound."""
+        z, low, high, _ = self.vector((cause,))
+        at = (z != 0) & ((z - low < HELD) | (high - z < HELD))
+        return [p.name for p, there in zip(self.effects[cause.name].parameters, at) if there]
 
     # ---- residuals -----------------------------------------------------------------------------------------
 

@@ -34,6 +34,7 @@ class Left:
     gap: float
     of: float
     smallest: float
+    unit: str
 
     @property
     def share(self):
@@ -76,14 +77,47 @@ def proofs(search, fit, rests, left):
     return out
 
 
-def left(path, noise, before, starts):
-    """The Left beside causes whose noise this is; before: {gap: errors (S, H)} of the nominal simulator."""
-    gap = next(iter(path.gaps))
+def left(search, state, whole, before, starts):
+    """The Left of a state, by what random motion makes of predictions; whole: the state with its small causes.
+
+    In the path's first gap; in the second where only that one is worth the name, as of a robot that turns on the spot.
+    before: {gap: errors (S, H)} of the nominal simulator.
+    """
+    path, noise = search.path, min(state.noise, whole.noise, key=lambda n: float((n.process / search.path.usual).sum()))
+    found = [_left_in(path, noise, before, starts, gap) for gap in path.gaps]
+    return next((one for one in found if one.of >= one.smallest), found[0])
+
+
+def _left_in(path, noise, before, starts, gap):
     h = int(np.flatnonzero(np.isfinite(before[gap]).any(0)).max(initial=0))
-    sensor = ahead.rms(ahead.floor(path, noise.quiet(path), starts)[gap])[h]
-    whole = ahead.rms(ahead.floor(path, noise, starts)[gap])[h]
+    sensor, whole = (ahead.rms(ahead.floor(path, n, starts)[gap])[h] for n in (noise.quiet(path), noise))
     first = ahead.rms(before[gap])[h]
-    return Left(float(np.sqrt(max(whole**2 - sensor**2, 0))), float(np.sqrt(max(first**2 - sensor**2, 1e-12))), path.smallest(h, noise))
+    gap_left, of = (float(np.sqrt(max(size**2 - sensor**2, 1e-18))) for size in (whole, first))
+    return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise)), path.gaps[gap][0])
+
+
+def verdict(fit, proved, left, believed):
+    """The word of the contract."""
+    if left.matters:
+        return "unknown"
+    return "known" if fit.causes and max(p.confidence for p in proved) >= believed else "none"
+
+
+def threshold_interval(fitter, fit, index, price=3.84):
+    """Where the cost of a parameter without a slope rises by `price`: found by steps outwards."""
+    z, ends = fitter.vector(fit.causes)[0], []
+    for sign in (-1, 1):
+        step, edge = 1e-3, z[index]
+        while step < 8:
+            moved = z.copy()
+            moved[index] = z[index] * (1 + sign * step)
+            if fitter.fit_of(fitter.split(fit.causes, moved)).cost > fit.cost + price:
+                break
+            edge, step = moved[index], step * 2
+        else:
+            edge = np.inf if sign > 0 else 0.0
+        ends.append(moved[index] if step < 8 else edge)
+    return ends
 
 
 def paying(search, state, starts):

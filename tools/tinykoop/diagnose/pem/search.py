@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy import ndimage
 
 from . import noise as noises
 from . import spans
@@ -13,8 +14,9 @@ from .noise import QUIET
 MOST = 4  # effects of one explanation
 LIKELY, HIDDEN = 4, 3  # candidates by the noise as it is, and by what the sensor alone makes
 TRIED = 2  # of these, for which noise is estimated anew
-ABSORBED = 0.8  # of what several causes do, from which on one is tried in their place
+ABSORBED = 0.5  # of what several causes do, from which on one is tried in their place
 TURNS = 3
+OUTLIERS, OUT, USUAL, AROUND = 3, 4.0, 1.5, 11  # turns; standard deviations that stand out, and that they become; rows
 CLOSE = 0.6  # of the best candidate's gain, from which on another is tried, too
 MOVES = 5.0  # times what counts as none, from which on random motion may hide that a cause explains all
 MARGIN = 4.0  # of -2 log likelihood
@@ -31,6 +33,12 @@ class State:
     fit: Fit
     noise: noises.Noise
     variant: int
+
+
+def _between(X, good):
+    """X (K, n) with rows that are not good in a line between those about them."""
+    rows = np.arange(len(X))
+    return np.stack([np.where(good, x, np.interp(rows, rows[good], x[good])) for x in X.T], 1)
 
 
 class Search:
@@ -93,13 +101,13 @@ class Search:
 
     # ---- candidates ----------------------------------------------------------------------------------------
 
-    def candidates(self, fit, segments=ALWAYS):
-        """[(promise, Cause)] of every effect that is not in `fit`, best first; segments: when they act, or in what stretch they do."""
+    def candidates(self, fit, segments=None):
+        """[(promise, Cause)] of every effect that is not in `fit`, best first; segments: when they act, if that is not asked, too."""
         fitter = self.fitter
         J = fitter.jacobian(fit)
         Q = np.linalg.qr(J)[0] if J.shape[1] else np.zeros((len(fit.left), 0))
         free = lambda c: c - Q @ (Q.T @ c)  # noqa: E731
-        trials = [(*fit.causes, Cause(n, start, segments)) for n, e in fitter.effects.items() if n not in fit.names for start in e.starts]
+        trials = [(*fit.causes, Cause(n, start, segments or ALWAYS)) for n, e in fitter.effects.items() if n not in fit.names for start in e.starts]
         if not trials:
             return []
         columns = free(fitter.whiten(self.path.steps(trials) - self.path.steps([fit.causes])))
@@ -110,7 +118,7 @@ class Search:
             promise = self._promise(self.path.effects[name], columns[:, mine], left, [trials[i][-1] for i in mine])
             if promise:
                 found.append(promise)
-        found += self._in_time(fit, free, left, found) if segments == ALWAYS else []
+        found += self._in_time(fit, free, left, found) if segments is None else []
         return sorted(found, key=lambda f: -f[0])
 
     def _promise(self, effect, columns, left, causes):
@@ -148,13 +156,13 @@ class Search:
 
     def run(self):
         """The State that is worth most."""
-        state = self.base = self.tinted(self.likeliest(self.fitter.fit_of(())))
+        state = self.base = self.tinted(self.robust(self.likeliest(self.fitter.fit_of(()))))
         for _ in range(TURNS):
             wide = self.forward(state)
             state = self.discretised(self.simplified(self.opened(self.begun_anew(wide))))
             if state is wide or len(state.fit.causes) == MOST:
                 break
-        return self.tinted(state)
+        return self.tinted(self.robust(state))
 
     def forward(self, state):
         """Causes taken in one by one."""
@@ -164,6 +172,18 @@ class Search:
                 break
             state = self.reduced(self.stepped(self.timed(better)))
         self.at(state)
+        return state
+
+    def robust(self, state):
+        """With rows that stand alone counted as noisier: a reading that is off, after which the next are not."""
+        for _ in range(OUTLIERS):
+            size = np.abs(self.at(state).fit_of(state.fit.causes).left.reshape(self.path.present.shape))
+            usual = np.maximum(ndimage.median_filter(size, (AROUND, 1)) / 0.6745, 1.0)
+            if not (size > OUT * usual).any():
+                break
+            self.path.present = self.path.present * np.where(size > OUT * usual, (size / USUAL / usual) ** 2, 1.0)
+            self.path.follow(_between(self.path.X, (self.path.present == 1).all(1)))
+            state = self.likeliest(self.fitter.fit_of(state.fit.causes))
         return state
 
     def tinted(self, state):
@@ -246,8 +266,12 @@ class Search:
         gain, cause = max(likely, key=lambda found: found[0], default=(0, None))
         if gain < ABSORBED * (base.cost - state.fit.cost):
             return None
-        better = self.settled(fitter.refine(fitter.fit_of((*base.causes, cause)), 5))
-        return better if self.worth(better) < self.worth(state) else None
+        trials = {(*base.causes, cause), (*(replace(c, segments=ALWAYS) for c in base.causes), cause)}
+        for causes in trials:
+            better = self.settled(self.at(state).refine(self.fitter.fit_of(causes), 5))
+            if self.worth(better) < self.worth(state):
+                return better
+        return None
 
     def opened(self, state):
         """With causes that act all along in the place of those that come and go, where it is worth more."""

@@ -21,7 +21,7 @@ def blocks(path):
 def _span(first, last, path):
     """Rows as times; ends of the log are open."""
     K = len(path.begins)
-    return 0.0 if first <= path.settled + SHORT else float(first * path.dt), np.inf if last >= K - SHORT else float(last * path.dt)
+    return 0.0 if first <= path.settled + SHORT else float(path.t[first]), np.inf if last >= K - SHORT else float(path.t[last])
 
 
 def masked(push, edges):
@@ -60,7 +60,8 @@ def parts(path, beside, cause, edges):
     A sensor's effect jumps where it comes and goes, so it is asked part by part; the others act row by row.
     """
     if path.effects[cause.name].block == "sensor":
-        some = [replace(cause, segments=((a * path.dt, b * path.dt),)) for a, b in zip(edges, edges[1:])]
+        times = np.append(path.t, np.inf)[edges]
+        some = [replace(cause, segments=((a, b),)) for a, b in zip(times, times[1:])]
         return path.steps([(*beside, c) for c in some]) - path.steps([beside])
     along = (*beside, replace(cause, segments=((0.0, np.inf),)))
     return masked((path.steps([along]) - path.steps([beside]))[..., 0], edges)
@@ -68,7 +69,7 @@ def parts(path, beside, cause, edges):
 
 def _acts(cause, path):
     """Rows (K,) in which it does."""
-    t = (np.arange(len(path.begins)) + 0.5) * path.dt
+    t = path.t + 0.5 * path.dt
     return np.any([(t >= a) & (t < b) for a, b in cause.segments], axis=0)
 
 
@@ -125,7 +126,8 @@ def _mended(acts):
 
 def _rows(fit, path):
     """(cause, edge row) of every edge inside the log."""
-    return [(i, round(e / path.dt)) for i, c in enumerate(fit.causes) for span in c.segments for e in span if e and np.isfinite(e)]
+    at = lambda e: int(np.searchsorted(path.t, e - 0.5 * path.dt))  # noqa: E731
+    return [(i, at(e)) for i, c in enumerate(fit.causes) for span in c.segments for e in span if e and np.isfinite(e)]
 
 
 def _moved(fitter, fit, i, row, first, last, stride):

@@ -13,10 +13,14 @@ LINEAR = ("speed_gain", "battery_sag", "yaw_gain", "wheel_asymmetry", "yaw_bias"
           "heading_bias")  # fmt: skip
 RAYS = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)
 # Noise is measured, not fitted.
+# What together looks like something that is no effect here: then they are never sure.
+LOOKALIKES = {frozenset(("actuator_lag", "transport_delay")): "actuators of second order"}
+command_names = ("v", "omega")
 NOT_FITTED = ("measurement_noise",)
 # A real robot moves in continuous time: where nothing speaks against it, that is assumed.
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
 LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
+MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
 
@@ -61,6 +65,14 @@ def effects(u):
     return found
 
 
+def _stretches(K):
+    """Rows of a log that are looked at: all, or of a long one stretches evenly spread."""
+    if K <= MOST:
+        return np.arange(K)
+    firsts = np.linspace(0, K - STRETCH, MOST // STRETCH).astype(int)
+    return (firsts[:, None] + np.arange(STRETCH)).ravel()
+
+
 def _short(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
@@ -78,16 +90,19 @@ class Path:
         self.log, self.dt, self.variant = log, log.dt, variant
         self.u = log.u if len(log.u) == len(log.x) else np.vstack([log.u, log.u[-1:]])
         self.effects = {key: effect for key, effect in effects(self.u).items() if key not in without}
-        self.begins = np.concatenate([[1], ~log.usable]).astype(np.int32)
-        self.whole = log.usable[:-2] & log.usable[1:-1] & log.usable[2:]
-        known = np.isfinite(log.x).all(1)
+        self.rows = _stretches(len(log.x))
+        self.t = self.rows * log.dt
+        usable = np.append(log.usable, False)[self.rows]
+        self.begins = np.concatenate([[True], (np.diff(self.rows) != 1) | ~usable[:-1]]).astype(np.int32)
+        good = self.begins[1:] == 0
+        self.whole = good[:-2] & good[1:-1] & good[2:]
+        x = log.x[self.rows]
+        there = np.isfinite(x).all(1)
+        self.measured = np.where(there[:, None], x, 0.0)
+        self.measured[there, 2] = np.unwrap(x[there, 2])
         self.settled = SETTLE if len(log.x) > 8 * SETTLE else 0
-        known[: self.settled] = False
-        self.present = np.where(known[:, None], 1.0, np.inf) * np.ones(3)
-        self.measured = log.x.copy()
-        there = np.isfinite(log.x).all(1)
-        self.measured[there, 2] = np.unwrap(log.x[there, 2])
-        self.measured[~there] = 0.0
+        there[: self.settled] = False
+        self.present = np.where(there[:, None], 1.0, np.inf) * np.ones(3)
         v, w = np.sqrt(np.mean(self.u**2, axis=0))
         self.usual = np.maximum([v, v, w], LEAST)
         self.spread = np.ones(3)
@@ -113,8 +128,14 @@ class Path:
 
     def _set_variant(self, variant):
         self.variant = variant
-        K = len(self.X)
-        self._rollouts = bridge.Rollouts(self.X, self.u, self.dt, np.arange(K - 1), [1], None, VARIANTS[variant][1])
+        x = np.zeros((len(self.log.x), 3))
+        x[self.rows] = self.X
+        self._on = np.flatnonzero(self.begins[1:] == 0)
+        self._rollouts = bridge.Rollouts(x, self.u, self.dt, self.rows[self._on], [1], None, VARIANTS[variant][1])
+
+    @property
+    def integrator(self):
+        return VARIANTS[self.variant][1]
 
     def _turned(self, d):
         return (self._to_axes @ d[..., None])[..., 0]
@@ -126,19 +147,24 @@ class Path:
     def _beside(self, causes):
         active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
         predicted, _ = self._rollouts.predict(active)
-        D = predicted[:, 0] - self.X[1:]
+        D = predicted[:, 0] - self.X[self._on + 1]
         D[:, 2] = _short(D[:, 2])
-        D[~np.isfinite(D).all(1)] = 0
         out = np.zeros((len(self.X), 3))
-        out[:-1] = (self._to_axes[1:] @ D[..., None])[..., 0]
+        out[self._on] = (self._to_axes[self._on + 1] @ D[..., None])[..., 0]
         return out
 
     def ahead(self, causes, starts, horizons):
-        """Measured less predicted (S, H, 3), along, across and in heading, from the measured poses in rows `starts`; NaN beyond what is usable."""
+        """Measured less predicted (S, H, 3), along, across and in heading, from the measured poses in `starts` of the path's rows.
+
+        NaN beyond what is usable.
+        """
+        return self.predicted(causes, self.rows[starts], np.minimum(horizons, len(self.log.x) - 1))[1]
+
+    def predicted(self, causes, starts, steps):
+        """(poses (S, H, 3), measured less predicted (S, H, 3)) so many steps after rows of the log."""
         active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
-        steps = np.minimum(horizons, len(self.log.x) - 1)
-        _, r = bridge.Rollouts(self.log.x, self.u, self.dt, starts, steps, self.log.usable, VARIANTS[self.variant][1]).predict(active)
-        return r.copy()
+        rollouts = bridge.Rollouts(self.log.x, self.u, self.dt, starts, steps, self.log.usable, VARIANTS[self.variant][1])
+        return tuple(values.copy() for values in rollouts.predict(active))
 
     def smallest_of(self, gap, noise, rows=50):
         """A gap that matters, m or rad, that many rows ahead."""
@@ -146,15 +172,14 @@ class Path:
         turn = np.abs(self.u[:, 1]).mean() * rows * self.dt
         return max(0.002 * way, 0.5 * noise.sensor[0]) if gap == "position" else max(0.002 * turn, 0.5 * noise.sensor[2], 0.003)
 
-    def smallest(self, h, noise):
-        return self.smallest_of("position", noise)
-
     gaps = {"position": ("m", (0, 1)), "heading": ("rad", (2,))}
+
+    dependence = staticmethod(features.dependence)
 
     def generic(self):
         """[((function, channel))], pushes (K, 3, q) by plain functions of command, heading, time and place."""
         names, columns = [], []
-        for title, (values, on) in features.functions(self.u, self.X, self.dt).items():
+        for title, (values, on) in features.functions(self.u[self.rows], self.X, self.dt).items():
             for channel in on:
                 names.append((title, channel))
                 columns.append(self.G[:, :, channel] * values[:, None])

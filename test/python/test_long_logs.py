@@ -2,12 +2,13 @@
 
 import io
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tinykoop import bridge
-from tinykoop.diagnose import diagnose, measure, page, words
+from tinykoop.diagnose import diagnose, page, words
+from tinykoop.diagnose.pem import ahead
+from tinykoop.diagnose.platforms import ddr
 from tinykoop.logs import replay
 from tinykoop.plumbing import results
 from tinykoop.plumbing.errors import UserError
@@ -72,16 +73,14 @@ def test_a_prediction_costs_the_same_in_a_log_ten_times_as_long():
 def test_starts_are_those_of_the_rows_counted_one_by_one():
     rng = np.random.default_rng(2)
     for _ in range(200):
-        rows = int(rng.integers(3, 300))
+        rows = int(rng.integers(4, 300))
         usable = rng.random(rows - 1) < rng.uniform(0.5, 1)
         run = [0] * rows
         for k in range(rows - 2, -1, -1):
             run[k] = run[k + 1] + 1 if usable[k] else 0
         expected = [k for k in range(rows) if run[k] >= min(50, max(run))]
-        if len(expected) > 400:
-            expected = [k for k in expected if k >= 50]
-        log = SimpleNamespace(x=np.zeros((rows, 3)), usable=usable)
-        assert measure.starts_of(log).tolist() == expected
+        log = bridge.Log(np.arange(rows) * DT, np.zeros((rows, 3)), np.zeros((rows, 2)), usable, DT)
+        assert ahead.starts_of(ddr.Path(log)).tolist() == expected
 
 
 def test_diagnosis_of_a_long_log_says_what_was_searched():

@@ -128,7 +128,7 @@ def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
     search, state, small, starts, whole = _found(path)
     fitter = search.at(state)
     before, least = ahead.errors(path, (), starts), ahead.floor(path, state.noise.quiet(path), starts)
-    left = judge.left(search, state, whole, before, starts)
+    left = judge.left(search, state, whole, before, ahead.after(fitter, state.fit, starts), starts)
     fit, rests = _by_worth(fitter, state.fit)
     proved = judge.proofs(search, fit, rests, left)
     word = judge.verdict(fit, proved, left, BELIEVED)
@@ -182,10 +182,11 @@ def _add_fresh(result, platform, fresh, seed):
     path = platform.Path(fresh, variant=result.path.variant)
     search = Search(path)
     fitter = search.fitter
-    carried = elsewhere.carry(result.fit.causes, path.effects, (result.log, fresh), lambda causes: fitter.fit_of(causes).cost)
+    parameters = {name: effect.parameters for name, effect in path.effects.items()}
+    carried = elsewhere.carry(result.fit.causes, parameters, (result.log, fresh), lambda causes: fitter.fit_of(causes).cost)
     causes = elsewhere.acting(carried)
     noise = search.robust(search.likeliest(fitter.fit_of(causes))).noise
     starts = ahead.starts_of(path)
     parts = [ahead.errors(path, some, starts) for some in ((), causes)]
     gap = _gap(*parts, ahead.floor(path, noise.quiet(path), starts), seed)
-    result.report["fresh"] = {"gap": gap, "effects": elsewhere.told(carried, path.effects)}
+    result.report["fresh"] = {"gap": gap, "effects": elsewhere.told(carried, parameters)}

@@ -15,13 +15,13 @@ def seconds(log):
     return (len(log.x) - 1) * log.dt
 
 
-def carry(causes, effects, logs, cost):
+def carry(causes, parameters, logs, cost):
     """[(cause that acts all along, whether it acts)] of a fit of the first of two logs on the second.
 
     What came or went on the first log acts all along on the second or not at all, whichever costs less there; a loss
-    grows as fast as on the first. effects: {name: Effect}. cost(causes): misfit of the second log.
+    grows as fast as on the first. parameters: {name: (Parameter, ..)}. cost(causes): misfit of the second log.
     """
-    along = [replace(_as_fast(cause, effects[cause.name].parameters, *map(seconds, logs)), segments=ALWAYS) for cause in causes]
+    along = [replace(_as_fast(cause, parameters[cause.name], *map(seconds, logs)), segments=ALWAYS) for cause in causes]
     choices = product(*((True,) if cause.segments == ALWAYS else (True, False) for cause in causes))
     return list(zip(along, min(choices, key=lambda acts: cost(acting(zip(along, acts))))))
 
@@ -31,10 +31,10 @@ def acting(carried):
     return tuple(cause for cause, acts in carried if acts)
 
 
-def told(carried, effects):
+def told(carried, parameters):
     """carry() as the report has it."""
     return [
-        {"name": c.name, "params": {p.name: float(v) for p, v in zip(effects[c.name].parameters, c.params)}, "acts": acts} for c, acts in carried
+        {"name": c.name, "params": {p.name: float(v) for p, v in zip(parameters[c.name], c.params)}, "acts": acts} for c, acts in carried
     ]
 
 

@@ -11,7 +11,7 @@ BLOCKS = 8
 def located(path, before, least, starts, fit):
     """The `where` of the report."""
     h = int(np.flatnonzero(np.isfinite(before["position"]).any(0)).max(initial=0))
-    edges = sorted({float(e) for c in fit.causes for span in c.segments for e in span if e and np.isfinite(e)})
+    edges = sorted({float(e) for c in fit.causes for span in c.segments for e in span if np.isfinite(e)})
     rows = path.rows[starts]
     excess = np.maximum(np.nan_to_num(before["position"][:, h]) ** 2 - least["position"][:, h] ** 2, 0)
     return {

@@ -495,7 +495,7 @@ def _random_motion(process):
     shares = {name: real(axis["share"]) for name, axis in process.items()}
     if max(shares.values()) < MOVES:
         return "The robot's own random motion is too small to be seen."
-    sizes = listed(f"{percent(share)} ({'of the speed, ' if name != 'heading' else 'of the yaw rate, '}{name})" for name, share in shares.items())
+    sizes = listed(f"{percent(share)} of the {'yaw rate' if name == 'heading' else 'speed'} ({name})" for name, share in shares.items())
     lasts = seconds(next(iter(process.values()))["seconds"])
     return f"What no effect explains is like random motion of the robot that lasts {lasts}: {sizes}."
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ... import bridge
 from ...plumbing.errors import UserError
-from ..fit import ALWAYS, Cause
+from .fit import ALWAYS, Cause
 from .innovations import Innovations
 from .search import FlightSearch
 from .vehicle import Fwmav

@@ -9,7 +9,7 @@ from ... import bridge
 from ...logs import replay
 from ...plumbing.errors import UserError
 from .. import elsewhere
-from ..fit import active
+from .fit import active
 from ..robot import check_effects
 from . import advise, evidence, gap, where
 from .baseline import Baseline, of_vehicle, simulated
@@ -182,9 +182,10 @@ def diagnose(log, fresh=None, without=(), own=None):
         other = _pieces(platform, fresh, noise)
         rows = gap.starts_of(other)
         misfit = lambda causes: float(np.sum(other.whiten(other.residual(active(causes))) ** 2))  # noqa: E731
-        carried = elsewhere.carry(fit.causes, platform.effects(), (log, fresh), misfit)
+        parameters = {name: spec for name, (_, spec) in platform.effects().items()}
+        carried = elsewhere.carry(fit.causes, parameters, (log, fresh), misfit)
         parts = [gap.ahead(other, causes, rows) for causes in ((), elsewhere.acting(carried))]
-        there = elsewhere.told(carried, platform.effects())
+        there = elsewhere.told(carried, parameters)
         report["fresh"] = {"gap": gap.summary(*parts, _floor(noise, turns_yaw(fresh))), "effects": there}
         result.fresh_log, result.fresh_errors = fresh, parts
     return result

@@ -4,8 +4,8 @@ import numpy as np
 
 from .. import words as said
 from ..figures import WIDTH, Panel, bars, extent, legend, note, over_time, stroke, svg
-from ..fit import active
-from ..measure import HORIZONS, rms
+from .fit import active
+from ..pem.ahead import HORIZONS, rms
 from . import words
 from .gap import attitude
 from .vehicle import ANGLES, CHANNELS, SMOOTHED, UNITS, measured

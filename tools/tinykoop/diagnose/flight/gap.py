@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..fit import active
-from ..measure import HORIZONS, RESAMPLED, closed, rms
+from .fit import active
+from ..pem.ahead import DRAWS, HORIZONS, closed, rms
 from .innovations import settled
 from .vehicle import ANGLES, CHANNELS, wrapped
 
@@ -80,8 +80,8 @@ def summary(before, after, floor, seed=0):
     W = series.shape[1]
     block = max(1, W // 40)
     rng = np.random.default_rng(seed)
-    firsts = rng.integers(0, max(W - block, 1), size=(RESAMPLED, -(-W // block)))
-    index = (firsts[..., None] + np.arange(block)).reshape(RESAMPLED, -1) % W
+    firsts = rng.integers(0, max(W - block, 1), size=(DRAWS, -(-W // block)))
+    index = (firsts[..., None] + np.arange(block)).reshape(DRAWS, -1) % W
 
     def table(a, b):
         low = np.minimum(least, b)  # a floor above what is left is not one

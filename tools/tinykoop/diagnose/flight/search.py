@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..fit import ALWAYS, Cause, Fitter, active
-from ..search import Search
+from .fit import ALWAYS, Cause, Fitter, active
+from .forward import Search
 
 FIRST = 0.3  # of the usual size, from which each effect is tried
 TRIED = 3  # stretches that are fitted in full

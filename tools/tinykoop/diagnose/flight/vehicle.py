@@ -4,7 +4,7 @@ import numpy as np
 from scipy import linalg
 
 from ... import bridge
-from ..platform import Parameter
+from ..robot import Parameter
 
 CHANNELS = ("gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z", "roll", "pitch", "yaw")
 UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3

@@ -3,7 +3,7 @@
 import math
 
 from .. import words
-from ..measure import WORTH_A_PERCENTAGE
+from ..pem.ahead import SHOWS
 from ..words import ahead, angle, capital, listed, percent, percent_of, plain, quantity, real, shrinks, signed, sizes, title
 from .advise import SECONDS
 from .diagnosis import ANOTHER
@@ -244,7 +244,7 @@ def channel_caption(report):
     if not times:
         return "The channels could not be measured"
     worst = max(times, key=times.get)
-    if times[worst] < 1 + WORTH_A_PERCENTAGE:
+    if times[worst] < 1 + SHOWS:
         return f"{capital(ahead(key, report))} no channel is clearly more off than on healthy flights"
     return f"{capital(ahead(key, report))} {worst} is most off: {times[worst]:.1f} times as much as on healthy flights"
 

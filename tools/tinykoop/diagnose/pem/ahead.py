@@ -8,6 +8,7 @@ HORIZONS = (1, 10, 50)
 STARTS = 400
 FOLDS, BLOCK = 4, 4.0  # of the log, in blocks of so many seconds
 DRAWS = 400
+FAR = 100.0  # times the variance, that an outlier counts for: what is farther off is not noise
 SHOWS = 0.15  # of the noise, that a gap must stand out by to have a percentage
 
 
@@ -24,7 +25,7 @@ def floor(path, noise, starts):
     """{gap: (S, H)}: error of a perfect model, which starts at what was measured and is compared with what was measured."""
     n, r, c = len(path.spread), len(noise.process), len(noise.sensor)
     coloured, shown = noise.sensor_rho > CORRELATED, np.isfinite(path.present)
-    outliers = np.where(shown, path.present, 0).sum(0) / np.maximum(shown.sum(0), 1)
+    outliers = np.where(shown, np.minimum(path.present, FAR), 0).sum(0) / np.maximum(shown.sum(0), 1)
     tint = np.where(coloured, noise.sensor**2, 0.0)
     white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
     seen = np.abs(path.C).sum(0) > 0

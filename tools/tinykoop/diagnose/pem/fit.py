@@ -7,7 +7,7 @@ import numpy as np
 from ..robot import Parameter
 from . import noise as noises
 
-ALWAYS = ((0.0, np.inf),)
+ALWAYS = ((-np.inf, np.inf),)
 STEP = 1e-3  # of a parameter's usual size, by which slopes are taken
 GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give or take half
 GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 9), 4) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope

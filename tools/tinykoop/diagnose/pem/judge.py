@@ -11,7 +11,9 @@ SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # share of the way driven that a gap must
 PAYS = 0.1  # of the gap above the floor, that a cause must close at one of the horizons
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
 RIVALS = 5  # that are fitted in full
+USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 DOUBT = 0.8  # of a confidence stays where something is left
+UNSURE = 0.5  # most confidence where one command was held all along
 SPREAD = 50  # rows of a block that counts as one observation
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
 
@@ -62,37 +64,55 @@ def _rivals(search, fit, rest, i):
     return [fitter.refine(fitter.fit_of((*rest.causes, c)), 6) for c in likely]
 
 
+def _pair(search, fit, rivals, name):
+    """Two effects that together do the same as one, as equal gains on both axes do for a clock."""
+    first = min(rivals, key=lambda f: f.cost, default=fit)
+    if first.cost - fit.cost < search.price:
+        return []
+    second = next((c for _, c in search.candidates(first) if c.name != name), None)
+    if second is None:
+        return []
+    both = search.fitter.refine(search.fitter.fit_of((*first.causes, second)))
+    return [c.name for c in both.causes[-2:]] if both.cost - fit.cost < search.price else []
+
+
 def proofs(search, fit, rests, left):
+    """[Proof] of each cause of a fit."""
     out = []
     for i, rest in enumerate(rests):
         worth = max(rest.cost - fit.cost, 0.0)
         rivals = _rivals(search, fit, rest, i)
         absorbed = {r.causes[-1].name: float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
         behind = {r.causes[-1].name: r.cost - fit.cost for r in rivals}
-        others = tuple(n for n, d in behind.items() if d < search.price and absorbed[n] > 0.5)
+        others = [n for n, d in behind.items() if d < search.price and absorbed[n] > 0.5]
+        others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
         heat = 2.0 * (1 + 50 * left.share)
         odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in [*behind.values(), worth])
-        sure = (1 - left.share) / (1 + odds) * (DOUBT if left.shows else 1.0)
-        out.append(Proof(float(worth), float(sure), others, rest, absorbed))
+        alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
+        sure = (1 - left.share) / (1 + odds) * (DOUBT if left.shows or alike else 1.0)
+        out.append(Proof(float(worth), float(min(sure, UNSURE if search.path.steady else 1.0)), tuple(others), rest, absorbed))
     return out
 
 
-def left(search, state, whole, before, starts):
-    """The Left of a state, by what random motion makes of predictions; whole: the state with its small causes.
+def left(search, state, whole, before, after, starts):
+    """The Left of a state: what random motion makes of predictions, or what held-out ones miss, if that is more.
 
     In the path's first gap; in the second where only that one is worth the name, as of a robot that turns on the spot.
-    before: {gap: errors (S, H)} of the nominal simulator.
+    whole: the state with its small causes; before, after: {gap: errors (S, H)}, of the nominal simulator and with causes.
     """
     path, noise = search.path, min(state.noise, whole.noise, key=lambda n: float((n.process / search.path.usual).sum()))
-    found = [_left_in(path, noise, before, starts, gap) for gap in path.gaps]
+    found = [_left_in(path, noise, before[gap], after[gap], starts, gap) for gap in path.gaps]
     return next((one for one in found if one.of >= one.smallest), found[0])
 
 
-def _left_in(path, noise, before, starts, gap):
-    h = int(np.flatnonzero(np.isfinite(before[gap]).any(0)).max(initial=0))
+def _left_in(path, noise, before, after, starts, gap):
+    h = int(np.flatnonzero(np.isfinite(before).any(0)).max(initial=0))
     sensor, whole = (ahead.rms(ahead.floor(path, n, starts)[gap])[h] for n in (noise.quiet(path), noise))
-    first = ahead.rms(before[gap])[h]
-    gap_left, of = (float(np.sqrt(max(size**2 - sensor**2, 1e-18))) for size in (whole, first))
+    usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
+    missed = ahead.rms(after[usual, h])
+    missed = missed if missed > STANDS_OUT * whole else 0.0
+    moved = np.sqrt(max(whole**2 - sensor**2, 1e-18))
+    gap_left, of = float(max(moved, missed)), float(np.sqrt(max(ahead.rms(before)[h] ** 2 - sensor**2, 1e-18)))
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise)), path.gaps[gap][0])
 
 
@@ -181,7 +201,7 @@ def ranking(search, base, fit, proved):
     score = {c.name: 1 + p.worth / whole for c, p in zip(fit.causes, proved)}
     for gain, cause in search.candidates(base):
         if cause.name not in score:
-            share = gain / whole if not fit.causes else max([p.absorbed.get(cause.name, 0) * p.worth / whole for p in proved])
+            share = gain / max(base.cost, 1e-9) if not fit.causes else max([p.absorbed.get(cause.name, 0) * p.worth / whole for p in proved])
             score[cause.name] = share
     for name in search.fitter.effects:
         score.setdefault(name, 0.0)

@@ -9,7 +9,8 @@ from ...bridge.whitening import LANES, surprises, whiten
 
 QUIET = 2e-4  # of the usual speed: less random motion than that is none
 CORRELATED = 1e-2  # of a row with the next, below which sensor noise is white
-BEGIN = 0.3  # correlation from which a search of it begins
+BEGIN = (0.3, 0.6, 0.85)  # correlations from which a search of it begins
+SHARES = (0.0, 0.01, 0.03, 0.1)  # of the usual speed, that random motion may be where a search of it begins
 WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter well conditioned
 SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
@@ -39,6 +40,18 @@ def first(path):
     return Noise(np.maximum(sensor, path.finest), np.zeros(len(sensor)), QUIET * path.usual, np.full(r, np.exp(-path.dt / 0.3)))
 
 
+def _coloured(path, rho):
+    """Without random motion, from third differences of noise that correlates so."""
+    white = first(path)
+    sensor = white.sensor * np.sqrt(20 / (20 - 30 * rho + 12 * rho**2 - 2 * rho**3))
+    return replace(white, sensor=sensor, sensor_rho=np.full(len(sensor), rho))
+
+
+def _moving(path, share):
+    """White, with random motion of a share of the usual speed."""
+    return replace(first(path), process=np.maximum(share, QUIET) * path.usual)
+
+
 def whitened(path, noise, D, E):
     """(innovations (K, c, q), log determinant)."""
     coloured = noise.sensor_rho > CORRELATED
@@ -64,7 +77,7 @@ class _Vector:
         first = [int(np.argmax(self.path.alike == g)) for g in self.groups]
         tau = -self.path.dt / np.log(noise.process_rho[0])
         z = [*np.log(noise.sensor[first]), *np.log(noise.process / self.path.usual), np.log(tau)]
-        z += [*np.maximum(noise.sensor_rho[first], BEGIN)] if self.coloured else []
+        z += [*np.maximum(noise.sensor_rho[first], BEGIN[0])] if self.coloured else []
         return np.clip(z, *np.transpose(self.bounds))
 
     def noise(self, z):
@@ -95,7 +108,8 @@ def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
         values = surprise(np.concatenate([[z], z + STEP * np.eye(len(z))]))
         return values[0], (values[1:] - values[0]) / STEP
 
-    starts = np.array([vector.of(n) for n in (noise, noise.quiet(path), replace(first(path), sensor_rho=noise.sensor_rho))])
+    others = [_coloured(path, rho) for rho in BEGIN] if vector.coloured else [_moving(path, share) for share in SHARES]
+    starts = np.array([vector.of(n) for n in (noise, noise.quiet(path), *others)])
     found = optimize.minimize(
         with_slope, starts[surprise(starts).argmin()], jac=True, method="L-BFGS-B", bounds=vector.bounds,
         options={"maxiter": rounds, "ftol": TOLERANCE},

@@ -56,7 +56,7 @@ class Search:
     def costs(self, causes):
         """Price of causes: of each, of each parameter beyond the first, of each edge in time."""
         each, digit = self.price, np.log(self.fitter.degrees)
-        edges = sum(np.isfinite(edge) for c in causes for span in c.segments for edge in span if edge)
+        edges = sum(np.isfinite(edge) for c in causes for span in c.segments for edge in span)
         return each * len(causes) + 0.5 * digit * sum(len(c.params) - 1 for c in causes) + digit * edges
 
     def at(self, state):
@@ -190,7 +190,7 @@ class Search:
         """With coloured sensor noise if that is likelier."""
         if not (state.noise.sensor_rho > 0).any():
             fit = self.at(state).fit_of(state.fit.causes)
-            coloured = self.likeliest(fit, coloured=True)
+            coloured = self.likeliest(fit, 2 * noises.ROUNDS, coloured=True)
             state = coloured if coloured.surprise < state.surprise - MARGIN else state
         self.at(state)
         return state
@@ -260,14 +260,10 @@ class Search:
         """The state with one cause in the place of a group, if that is worth more."""
         fitter = self.at(state)
         base = fitter.fit_of(tuple(c for c in state.fit.causes if c not in group))
-        alone = {c.name for c in group} if len(group) < 3 else set()
-        likely = [found for segments in {ALWAYS, *(c.segments for c in group)} for found in self.candidates(base, segments)]
-        likely = [(gain, c) for gain, c in likely if c.name not in alone]
-        gain, cause = max(likely, key=lambda found: found[0], default=(0, None))
-        if gain < ABSORBED * (base.cost - state.fit.cost):
-            return None
-        trials = {(*base.causes, cause), (*(replace(c, segments=ALWAYS) for c in base.causes), cause)}
-        for causes in trials:
+        likely = [max(found, key=lambda f: f[0]) for g in {ALWAYS, *(c.segments for c in group)} if (found := self.candidates(base, g))]
+        likely = [cause for gain, cause in likely if gain > ABSORBED * (base.cost - state.fit.cost)]
+        wider = tuple(replace(c, segments=ALWAYS) for c in base.causes)
+        for causes in dict.fromkeys((*rest, cause) for cause in likely for rest in (base.causes, wider)):
             better = self.settled(self.at(state).refine(self.fitter.fit_of(causes), 5))
             if self.worth(better) < self.worth(state):
                 return better

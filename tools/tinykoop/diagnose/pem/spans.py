@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from .fit import ALWAYS
+
 BLOCKS, FEWEST = 30, 15  # parts of a log; rows of one, at least
 REACH, STRIDE, NEAR = 120, 12, 14  # rows by which an edge is moved, in strides; then row by row
 TURNS = 3
+NUDGES = 6
 JUMP, JUMPS = 6.0, 6  # standard deviations of an innovation that may be an edge; so many of these
 SHORT = 8  # rows at the ends of a log, where nothing comes or goes
 LEAST = 0.05  # of a log, that anything comes or goes for
@@ -21,7 +24,7 @@ def blocks(path):
 def _span(first, last, path):
     """Rows as times; ends of the log are open."""
     K = len(path.begins)
-    return 0.0 if first <= path.settled + SHORT else float(path.t[first]), np.inf if last >= K - SHORT else float(path.t[last])
+    return -np.inf if first <= path.settled + SHORT else float(path.t[first]), np.inf if last >= K - SHORT else float(path.t[last])
 
 
 def masked(push, edges):
@@ -63,7 +66,7 @@ def parts(path, beside, cause, edges):
         times = np.append(path.t, np.inf)[edges]
         some = [replace(cause, segments=((a, b),)) for a, b in zip(times, times[1:])]
         return path.steps([(*beside, c) for c in some]) - path.steps([beside])
-    along = (*beside, replace(cause, segments=((0.0, np.inf),)))
+    along = (*beside, replace(cause, segments=ALWAYS))
     return masked((path.steps([along]) - path.steps([beside]))[..., 0], edges)
 
 
@@ -85,7 +88,7 @@ def _changes(fitter, fit, i, edges):
 def _with(fit, i, acts, path):
     """Causes with cause i in the rows `acts` (K,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], acts, [False]]).astype(int))).reshape(-1, 2)
-    spans = tuple(_span(a, b, path) for a, b in edges if b - a > SHORT and a < len(acts) - SHORT and b > path.settled + SHORT)
+    spans = tuple(_span(a, b, path) for a, b in edges if b - a >= LEAST * len(acts))
     return (*fit.causes[:i], replace(fit.causes[i], segments=spans), *fit.causes[i + 1 :]) if spans else None
 
 
@@ -127,7 +130,7 @@ def _mended(acts):
 def _rows(fit, path):
     """(cause, edge row) of every edge inside the log."""
     at = lambda e: int(np.searchsorted(path.t, e - 0.5 * path.dt))  # noqa: E731
-    return [(i, at(e)) for i, c in enumerate(fit.causes) for span in c.segments for e in span if e and np.isfinite(e)]
+    return [(i, at(e)) for i, c in enumerate(fit.causes) for span in c.segments for e in span if np.isfinite(e)]
 
 
 def _moved(fitter, fit, i, row, first, last, stride):
@@ -159,6 +162,24 @@ def edges(fitter, fit):
             if k < len(every):
                 i, row = every[k]
                 fit = _moved(fitter, fit, i, row, row - reach, row + reach, stride)
+    return _nudged(fitter, fit)
+
+
+def _nudged(fitter, fit):
+    """Edges a row or two on while that helps: what an effect does may depend on when it began."""
+    for k in range(len(_rows(fit, fitter.path))):
+        for _ in range(NUDGES):
+            i, row = _rows(fit, fitter.path)[k]
+            acts = _acts(fit.causes[i], fitter.path)
+            trials = []
+            for by in (-2, -1, 1, 2):
+                rows = acts.copy()
+                rows[min(row, row + by) : max(row, row + by)] = acts[row] if by < 0 else acts[row - 1]
+                trials.append(_with(fit, i, rows, fitter.path))
+            best = min((fitter.fit_of(t) for t in trials if t), key=lambda f: f.cost, default=fit)
+            if best.cost >= fit.cost or len(_rows(best, fitter.path)) != len(_rows(fit, fitter.path)):
+                break
+            fit = best
     return fit
 
 

@@ -21,6 +21,7 @@ NOT_FITTED = ("measurement_noise",)
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
 LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
 MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
+STEADY = 0.02  # share that commands of one kind vary by
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
 
@@ -84,6 +85,7 @@ class Path:
     alike = np.array([0, 0, 1])
     finest = FINEST
     C = np.eye(3)
+    lookalikes = LOOKALIKES
     variants = tuple(title for title, _ in VARIANTS)
 
     def __init__(self, log, without=(), variant=0):
@@ -104,6 +106,7 @@ class Path:
         there[: self.settled] = False
         self.present = np.where(there[:, None], 1.0, np.inf) * np.ones(3)
         v, w = np.sqrt(np.mean(self.u**2, axis=0))
+        self.steady = bool(np.all(np.std(self.u, axis=0) <= STEADY * (np.abs(self.u).max(0) + 1e-9)))
         self.usual = np.maximum([v, v, w], LEAST)
         self.spread = np.ones(3)
         self.follow(self.measured)

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..bridge import Effect
+from ...bridge import Effect
 
 RAY = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)  # all parameters of an effect together
 COORDINATE = (0.0, 0.25, 0.5, 0.75, 1.4, 2.0, 4.0)  # then each by itself,

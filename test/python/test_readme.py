@@ -103,24 +103,25 @@ def test_assurance_names_files_that_exist():
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
-    from tinykoop.diagnose import diagnosis, measure, pieces, search, verdict
+    from tinykoop.diagnose import diagnosis
     from tinykoop.diagnose.flight import diagnosis as flight
     from tinykoop.diagnose.flight import gap, innovations
+    from tinykoop.diagnose.pem import ahead, judge, spans
+    from tinykoop.diagnose.platforms import ddr
 
     return [
-        f"pieces of {pieces.SECONDS:g} s ({pieces.ROWS} to {pieces.MOST_ROWS} rows)",
-        f"Of a long log {pieces.MOST:,} rows are used",
-        f"Beyond {bridge.LONG:,} rows the states of the actuators are rolled from {bridge.WARM_UP:g} s before each piece",
-        f"a lateral skid within {100 * diagnosis.ARTEFACT:g} % of plus or minus dt/2",
-        f"in 1 of {1 / search.FALSE_ALARMS:g} logs",
-        "errors {}, {} and {} steps after a *measured* pose".format(*measure.HORIZONS),
-        f"within {100 * measure.WORTH_A_PERCENTAGE:g} % of the noise floor; a floor",
-        f"(p < {verdict.SIGNIFICANT:.4f})",
-        f"more than {100 * verdict.SMALLEST:.1f} % of the way driven",
-        f"over {100 * verdict.UNEXPLAINED:g} % of the gap, the verdict",
+        f"the first {ddr.SETTLE} rows are left out",
+        f"Of a long log {ddr.MOST:,} rows are used",
+        f"Beyond {bridge.LONG:,} rows the states of the actuators are rolled from {bridge.WARM_UP:g} s before each row",
+        f"less than {100 * spans.LEAST:g} % of the log",
+        "errors {}, {} and {} steps after a *measured* pose".format(*ahead.HORIZONS),
+        f"its own blocks of {ahead.BLOCK:g} s",
+        f"within {100 * ahead.SHOWS:g} % of it; a floor",
+        f"({100 * ddr.SMALLEST:.1f} % of the way driven",
+        f"more than {100 * judge.UNEXPLAINED:g} % of the gap",
+        f"more than {judge.STANDS_OUT:g} times what all noise makes",
         f"no effect has a confidence of {diagnosis.BELIEVED:g}",
-        f"over {100 * verdict.ALIAS:g} % of its worth",
-        f"no confidence exceeds {verdict.UNSURE:g}; nor {verdict.MISSHAPEN:g}",
+        f"no confidence exceeds {judge.UNSURE:g}; nor {judge.DOUBT:g}",
         f"at {flight.RATE:g} Hz",
         f"{flight.LEAST_SECONDS:g} s at least",
         f"autoregression of {innovations.LAGS} rows",

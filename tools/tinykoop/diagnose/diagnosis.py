@@ -1,6 +1,6 @@
 """One log in, one answer out: the report of the contract and what its page draws."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from .. import bridge
 from ..plumbing.errors import UserError
 from . import advise, elsewhere, where
 from .pem import ahead, judge, openset
-from .pem.fit import ALWAYS, Fit
+from .pem.fit import Fit
 from .pem.search import Search
 from .platforms import ddr
 from .robot import check_effects

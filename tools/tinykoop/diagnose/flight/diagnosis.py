@@ -9,10 +9,10 @@ from ... import bridge
 from ...logs import replay
 from ...plumbing.errors import UserError
 from .. import elsewhere
-from .fit import active
 from ..robot import check_effects
 from . import advise, evidence, gap, where
 from .baseline import Baseline, of_vehicle, simulated
+from .fit import active
 from .generic import FEIGNED, SIGNIFICANT, Generic
 from .innovations import Innovations
 from .search import FlightSearch

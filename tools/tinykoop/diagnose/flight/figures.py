@@ -4,9 +4,9 @@ import numpy as np
 
 from .. import words as said
 from ..figures import WIDTH, Panel, bars, extent, legend, note, over_time, stroke, svg
-from .fit import active
 from ..pem.ahead import HORIZONS, rms
 from . import words
+from .fit import active
 from .gap import attitude
 from .vehicle import ANGLES, CHANNELS, SMOOTHED, UNITS, measured
 from .where import BANDS, spectrum

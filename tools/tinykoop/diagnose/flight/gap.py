@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .fit import active
 from ..pem.ahead import DRAWS, HORIZONS, closed, rms
+from .fit import active
 from .innovations import settled
 from .vehicle import ANGLES, CHANNELS, wrapped
 

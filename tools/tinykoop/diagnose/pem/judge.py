@@ -7,7 +7,6 @@ import numpy as np
 from . import ahead
 from .fit import Cause, Fit
 
-SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # share of the way driven that a gap must be to matter; of the sensor's noise
 PAYS = 0.1  # of the gap above the floor, that a cause must close at one of the horizons
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
 RIVALS = 5  # that are fitted in full
@@ -162,7 +161,7 @@ def paying(search, state, starts):
         if gains[i] > PAYS:
             return state, small
         small.append(state.fit.causes[i])
-        state = search.settled(rests[i])
+        state = search.settled(state, rests[i])
     return state, small
 
 

@@ -21,6 +21,8 @@ NOT_FITTED = ("measurement_noise",)
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
 LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
 MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
+SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
+SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
 STEADY = 0.02  # share that commands of one kind vary by
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
@@ -121,7 +123,7 @@ class Path:
         self._to_axes[:, 0, 1], self._to_axes[:, 1, 0] = s, -s
         self._to_axes[:, 2, 2] = 1
         self.E = self._turned(self.measured - X)
-        self._set_variant(self.variant)
+        self._roll()
         way = np.diff(X, axis=0)
         world = np.tile(np.eye(3), (K, 1, 1))
         world[:-1, 0, 2], world[:-1, 1, 2] = -way[:, 1], way[:, 0]
@@ -129,12 +131,17 @@ class Path:
         self.A[:-1] = self._to_axes[1:] @ world[:-1] @ self._to_axes[:-1].swapaxes(1, 2)
         self.G = self.dt * np.tile(np.eye(3), (K, 1, 1))
 
-    def _set_variant(self, variant):
-        self.variant = variant
+    def step_by(self, variant):
+        """Takes another of the variants."""
+        if variant != self.variant:
+            self.variant = variant
+            self._roll()
+
+    def _roll(self):
         x = np.zeros((len(self.log.x), 3))
         x[self.rows] = self.X
         self._on = np.flatnonzero(self.begins[1:] == 0)
-        self._rollouts = bridge.Rollouts(x, self.u, self.dt, self.rows[self._on], [1], None, VARIANTS[variant][1])
+        self._rollouts = bridge.Rollouts(x, self.u, self.dt, self.rows[self._on], [1], None, self.integrator)
 
     @property
     def integrator(self):
@@ -173,7 +180,9 @@ class Path:
         """A gap that matters, m or rad, that many rows ahead."""
         way = np.hypot(*np.diff(self.log.x[:, :2], axis=0)[self.log.usable].T).mean() * rows
         turn = np.abs(self.u[:, 1]).mean() * rows * self.dt
-        return max(0.002 * way, 0.5 * noise.sensor[0]) if gap == "position" else max(0.002 * turn, 0.5 * noise.sensor[2], 0.003)
+        if gap == "position":
+            return max(SMALLEST * way, SMALLEST_NOISE * noise.sensor[0])
+        return max(SMALLEST * turn, SMALLEST_NOISE * noise.sensor[2], SMALLEST_TURN)
 
     gaps = {"position": ("m", (0, 1)), "heading": ("rad", (2,))}
 

@@ -1,0 +1,90 @@
+"""What one effect more promises beside a fit, in the whole log and in the stretch of time that suits it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from . import spans
+from .fit import ALWAYS, Cause
+
+SHOWS = 1.0  # norm of what a candidate does beside the others
+LIMIT = 0.3  # share of a range in which a linear effect begins
+ALONG = 0.5  # of what a candidate would gain at another size, that is promised
+
+
+class _Beside:
+    """Whitened columns and what is left, free of what the sizes of the fit can make."""
+
+    def __init__(self, fitter, fit):
+        self.fitter, self.fit = fitter, fit
+        J = fitter.jacobian(fit)
+        self._basis = np.linalg.qr(J)[0] if J.shape[1] else np.zeros((len(fit.left), 0))
+        self.left = self._free(fit.left)
+
+    def _free(self, columns):
+        return columns - self._basis @ (self._basis.T @ columns)
+
+    def columns(self, pushes):
+        return self._free(self.fitter.whiten(pushes))
+
+
+def _sized(cause, effect, params, share=1.0):
+    """The cause with parameters inside a share of their ranges."""
+    limits = share * np.array([[p.low, p.high] for p in effect.parameters]).T
+    return replace(cause, params=tuple(np.clip(params, *limits).tolist()))
+
+
+def _linear(effect, causes, columns, left):
+    """(gain, Cause) at the best combination of its parameters."""
+    weights = np.linalg.lstsq(columns, -left, rcond=1e-9)[0]
+    gain = left @ left - ((left + columns @ weights) ** 2).sum()
+    return float(gain), _sized(causes[0], effect, np.array([c.params for c in causes]).T @ weights, LIMIT)
+
+
+def _best_start(causes, columns, left):
+    """(gain, Cause) at the best of the sizes tried; what a size between would gain counts in part."""
+    size = np.linalg.norm(columns, axis=0)
+    gain = left @ left - ((left[:, None] + columns) ** 2).sum(0)
+    along = -(left @ columns) / np.maximum(size, 1e-9)
+    promise = np.where(size > SHOWS, np.maximum(gain, np.where(along > 0, ALONG * along**2, 0)), 0)
+    i = int(promise.argmax())
+    return float(promise[i]), causes[i]
+
+
+def _whole(beside, effects, segments):
+    """[(gain, Cause)] of every effect that is not in the fit and does something."""
+    fit, found = beside.fit, []
+    trials = [Cause(n, start, segments) for n, e in effects.items() if n not in fit.names for start in e.starts]
+    if not trials:
+        return []
+    path = beside.fitter.path
+    columns = beside.columns(path.steps([(*fit.causes, c) for c in trials]) - path.steps([fit.causes]))
+    for name in dict.fromkeys(c.name for c in trials):
+        mine = [i for i, c in enumerate(trials) if c.name == name]
+        causes, some = [trials[i] for i in mine], columns[:, mine]
+        if (np.linalg.norm(some, axis=0) > SHOWS).any():
+            linear = effects[name].linear
+            found.append(_linear(effects[name], causes, some, beside.left) if linear else _best_start(causes, some, beside.left))
+    return [(gain, cause) for gain, cause in found if gain > 0]
+
+
+def _in_time(beside, gain, cause, margin):
+    """(gain less the price of edges, Cause) in the stretch that suits it best; None if the whole log promises as much."""
+    path, effect = beside.fitter.path, beside.fitter.effects[cause.name]
+    blocks = spans.blocks(path)
+    columns = beside.columns(spans.parts(path, beside.fit.causes, cause, blocks))
+    best, span, scale = spans.best_stretch(columns, beside.left, blocks)
+    price = 2 * np.log(beside.fitter.degrees)
+    if best <= gain + price + margin:
+        return None
+    cause = replace(cause, segments=(spans.seconds(span, blocks, path),))
+    return best - price, _sized(cause, effect, np.array(cause.params) * scale) if effect.linear else cause
+
+
+def candidates(fitter, fit, segments=None, margin=0.0):
+    """[(promise, Cause)], best first. segments: when they act, if that is not asked, too."""
+    beside = _Beside(fitter, fit)
+    found = _whole(beside, fitter.effects, segments or ALWAYS)
+    if segments is None:
+        found += [timed for gain, cause in found if (timed := _in_time(beside, gain, cause, margin))]
+    return sorted(found, key=lambda f: -f[0])

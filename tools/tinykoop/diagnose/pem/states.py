@@ -1,0 +1,118 @@
+"""Causes with the noise that suits them, and what such a state is worth."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from . import noise as noises
+from . import spans
+from .fit import Fit, Fitter
+
+OUTLIERS, OUT, USUAL, AROUND = 3, 4.0, 1.5, 11  # turns; standard deviations that stand out, and that they become; rows
+MOVES = 5.0  # times what counts as none, from which on random motion may hide that a cause explains all
+MARGIN = 4.0  # of -2 log likelihood
+LOUDER = 3.0  # times what third differences show, that the sensor's noise may be
+
+
+@dataclass(frozen=True)
+class State:
+    """Causes and noise; surprise: -2 log likelihood."""
+
+    surprise: float
+    fit: Fit
+    noise: noises.Noise
+    variant: int
+
+    @property
+    def causes(self):
+        return self.fit.causes
+
+
+def _between(X, good):
+    """X (K, n) with rows that are not good in a line between those about them."""
+    rows = np.arange(len(X))
+    return np.stack([np.where(good, x, np.interp(rows, rows[good], x[good])) for x in X.T], 1)
+
+
+class States:
+    """The states of one path. There is one fitter: at() gives it the noise of a state."""
+
+    def __init__(self, path):
+        self.path = path
+        self.fitter = Fitter(path, noises.first(path))
+        self.sensor = self.fitter.noise
+        self.digit = np.log(self.fitter.degrees)
+        self.price = self.digit + 2 * np.log(max(len(path.effects), 2))
+
+    def worth(self, state):
+        """-2 log likelihood and the price of the causes: the less, the better."""
+        return state.surprise + self.costs(state.causes)
+
+    def costs(self, causes):
+        """Price of causes: of each, of each parameter beyond the first, of each edge in time."""
+        edges = sum(np.isfinite(edge) for c in causes for span in c.segments for edge in span)
+        return self.price * len(causes) + self.digit * (0.5 * sum(len(c.params) - 1 for c in causes) + edges)
+
+    def at(self, state):
+        """The fitter with the noise of a state."""
+        self.fitter.noise = state.noise
+        self.path.step_by(state.variant)
+        return self.fitter
+
+    def without_motion(self, state):
+        """The fitter with what the sensor alone makes: what random motion would hide shows."""
+        sensor = np.minimum(state.noise.sensor, LOUDER * self.sensor.sensor)
+        return self.at(replace(state, noise=replace(state.noise.quiet(self.path), sensor=sensor)))
+
+    def refined(self, state, causes, steps=8):
+        """The Fit of causes, from their sizes, under the noise of a state."""
+        fitter = self.at(state)
+        return fitter.refine(fitter.fit_of(causes), steps)
+
+    def priced(self, fit):
+        """Squares and the price of the causes, of fits under one noise."""
+        return fit.cost + self.costs(fit.causes)
+
+    def likeliest(self, fit, rounds=noises.ROUNDS, coloured=None):
+        """The State of a fit's causes with the noise that suits them, from the fitter's."""
+        D, E = self.path.steps([fit.causes]), self.path.E[..., None]
+        self.fitter.noise, surprise = noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
+        fit = self.fitter.fit_of(fit.causes)
+        return State(surprise + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant)
+
+    def settled(self, state, fit):
+        """Sizes and noise in turn, from those of a state; once more from no random motion.
+
+        A cause that explains it all would never get there from noise that made up for it.
+        """
+        self.at(state)
+        found = self._in_turn(fit)
+        if (found.noise.process > MOVES * noises.QUIET * self.path.usual).any():
+            self.without_motion(found)
+            found = min(found, self._in_turn(found.fit), key=self.worth)
+        return found
+
+    def _in_turn(self, fit):
+        state = self.likeliest(self.fitter.refine(self.fitter.fit_of(fit.causes)))
+        better = spans.edges(self.fitter, self.fitter.refine(state.fit, 3))
+        return self.likeliest(better, 6) if state.fit.cost - better.cost > 1 else replace(state, fit=better)
+
+    def robust(self, state):
+        """With rows that stand alone counted as noisier: a reading that is off, after which the next are not."""
+        for _ in range(OUTLIERS):
+            size = np.abs(self.at(state).fit_of(state.causes).left.reshape(self.path.present.shape))
+            usual = np.maximum(ndimage.median_filter(size, (AROUND, 1)) / 0.6745, 1.0)
+            if not (size > OUT * usual).any():
+                break
+            self.path.present = self.path.present * np.where(size > OUT * usual, (size / USUAL / usual) ** 2, 1.0)
+            self.path.follow(_between(self.path.X, (self.path.present == 1).all(1)))
+            state = self.likeliest(self.fitter.fit_of(state.causes))
+        return state
+
+    def tinted(self, state):
+        """With coloured sensor noise if that is likelier."""
+        if (state.noise.sensor_rho > 0).any():
+            return state
+        coloured = self.likeliest(self.at(state).fit_of(state.causes), 2 * noises.ROUNDS, coloured=True)
+        return coloured if coloured.surprise < state.surprise - MARGIN else state

@@ -1,6 +1,6 @@
 """What a search says: which causes matter, how sure each is, which others do as well, and whether something is left."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held all along
+CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows apart, are not those of the noise that is told
 SPREAD = 50  # rows of a block that counts as one observation
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
 
@@ -36,6 +37,7 @@ class Left:
     of: float
     smallest: float
     unit: str
+    white: bool = True
 
     @property
     def share(self):
@@ -43,7 +45,8 @@ class Left:
 
     @property
     def shows(self):
-        return self.gap > self.smallest
+        """Whether it is more than the noise of a sensor."""
+        return self.gap > self.smallest or not self.white
 
     @property
     def matters(self):
@@ -101,7 +104,15 @@ def left(search, state, whole, before, after, starts):
     """
     path, noise = search.path, min(state.noise, whole.noise, key=lambda n: float((n.process / search.path.usual).sum()))
     found = [_left_in(path, noise, before[gap], after[gap], starts, gap) for gap in path.gaps]
-    return next((one for one in found if one.of >= one.smallest), found[0])
+    found = next((one for one in found if one.of >= one.smallest), found[0])
+    return replace(found, white=_white(state.fit.left.reshape(path.E.shape)))
+
+
+def _white(left):
+    """Whether innovations (K, c) hardly correlate from row to row: else the noise is of another kind."""
+    chance = 4 / np.sqrt(max((left != 0).sum(), 1))
+    lags = [(left[lag:] * left[:-lag]).sum(0) / np.maximum((left**2).sum(0), 1e-12) for lag in range(1, LAGS + 1)]
+    return bool(np.abs(lags).max() < max(CORRELATED, chance))
 
 
 def _left_in(path, noise, before, after, starts, gap):

@@ -71,7 +71,7 @@ class _Vector:
         g, r = len(self.groups), len(path.usual)
         self.cuts = np.cumsum([g, r, 1])
         self.bounds = [*([(np.log(path.finest.min()), 3.0)] * g), *([(np.log(QUIET), np.log(2.0))] * r)]
-        self.bounds += [(np.log(path.dt / 2), np.log(LASTS)), *([(0.0, 0.97)] * g * coloured)]
+        self.bounds += [(np.log(path.dt / 2), np.log(max(LASTS, 2 * path.dt))), *([(0.0, 0.97)] * g * coloured)]
 
     def of(self, noise):
         first = [int(np.argmax(self.path.alike == g)) for g in self.groups]

@@ -64,7 +64,8 @@ def opened(states, state):
     timed = [i for i, c in enumerate(state.causes) if c.segments != ALWAYS]
     for some in dict.fromkeys([tuple(timed), *((i,) for i in timed)] if timed else []):
         wider = tuple(replace(c, segments=ALWAYS) if i in some else c for i, c in enumerate(state.causes))
-        better = states.settled(state, states.refined(state, wider))
+        fit = states.refined(state, wider)
+        better = states.settled(state, fit) if states.rivals(state, fit) else state
         if states.worth(better) < states.worth(state):
             return opened(states, better)
     return state
@@ -90,7 +91,8 @@ def _one_for(states, state, group):
         likely += [cause] if gain > ABSORBED * (base.cost - state.fit.cost) else []
     wider = tuple(replace(c, segments=ALWAYS) for c in base.causes)
     for causes in dict.fromkeys((*rest, cause) for cause in likely for rest in (base.causes, wider)):
-        better = states.settled(state, states.refined(state, causes, 5))
+        fit = states.refined(state, causes, 5)
+        better = states.settled(state, fit) if states.rivals(state, fit) else state
         if states.worth(better) < states.worth(state):
             return better
     return None

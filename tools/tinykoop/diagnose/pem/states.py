@@ -11,6 +11,8 @@ from .fit import Fit, Fitter
 
 OUTLIERS, OUT, USUAL, AROUND = 3, 4.0, 1.5, 11  # turns; standard deviations that stand out, and that they become; rows
 MOVES = 5.0  # times what counts as none, from which on random motion may hide that a cause explains all
+STILL = 10.0  # times the degrees of freedom, that squares may be for that to be worth a try
+FAR = 5.0  # prices, by which a simpler set may be behind before noise is estimated for it
 MARGIN = 4.0  # of -2 log likelihood
 LOUDER = 3.0  # times what third differences show, that the sensor's noise may be
 
@@ -74,6 +76,10 @@ class States:
         """Squares and the price of the causes, of fits under one noise."""
         return fit.cost + self.costs(fit.causes)
 
+    def rivals(self, state, fit):
+        """Whether a fit under the noise of a state may be worth more, once noise is estimated for it."""
+        return self.priced(fit) < self.priced(state.fit) + FAR * self.price
+
     def likeliest(self, fit, rounds=noises.ROUNDS, coloured=None):
         """The State of a fit's causes with the noise that suits them, from the fitter's."""
         D, E = self.path.steps([fit.causes]), self.path.E[..., None]
@@ -89,8 +95,9 @@ class States:
         self.at(state)
         found = self._in_turn(fit)
         if (found.noise.process > MOVES * noises.QUIET * self.path.usual).any():
-            self.without_motion(found)
-            found = min(found, self._in_turn(found.fit), key=self.worth)
+            still = self.without_motion(found)
+            fit = still.refine(still.fit_of(found.causes), 5)
+            found = min(found, self._in_turn(fit), key=self.worth) if fit.cost < STILL * still.degrees else found
         return found
 
     def _in_turn(self, fit):

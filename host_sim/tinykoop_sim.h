@@ -113,17 +113,17 @@ TK_API int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, do
                          const double *state, const double *commands, double *states);
 
 /* The noise of a log, as the filter of tk_whiten() takes it. Sensor noise is white with a variance of its own
- * in each row, beside a coloured part, AR(1); random pushes are AR(1), too. */
+ * in each row, beside a coloured part, AR(1); so is random motion. */
 typedef struct tk_noise {
-	size_t n, r, c;                                 /* states, random pushes, channels */
-	const double *start;                            /* n: standard deviation of the start of a window */
-	const double *C;                                /* c x n: channels of states */
-	const double *push, *push_keeps;                /* r: standard deviation; correlation from row to row */
-	const double *coloured, *coloured_keeps;        /* c: likewise */
+	size_t n, r, c;                             /* states, axes of random motion, channels */
+	const double *start;                        /* n: standard deviation of where a run of rows begins */
+	const double *C;                            /* c x n: channels of states */
+	const double *process, *process_rho;        /* r: standard deviation; correlation from row to row */
+	const double *coloured, *coloured_rho;      /* c: likewise */
 } tk_noise;
 
 /* The reference path, row by row, begun anew in rows where `begins` is not 0: A (n x n) takes a deviation from it to
- * the next row, G (n x r) random pushes; variance (c) is that of white sensor noise, infinite where nothing was
+ * the next row, G (n x r) random motion; variance (c) is that of white sensor noise, infinite where nothing was
  * measured. */
 typedef struct tk_path {
 	const int32_t *begins;
@@ -140,14 +140,14 @@ TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const t
 typedef struct tk_noises {
 	size_t n, r, c;
 	const double *start, *C;
-	const double *process, *process_keeps;
-	const double *white, *coloured, *coloured_keeps;
+	const double *process, *process_rho;
+	const double *white, *coloured, *coloured_rho;
 } tk_noises;
 
-/* -2 log likelihood, but for a constant, of one residual under each of eight noises, into `out`; the variances of
+/* Deviance, -2 log likelihood but for a constant, of one residual under each of eight noises, into `out`; the variances of
  * `path` are multiples of the noises' own. */
-TK_API int tk_surprise(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E,
-                       double *out);
+TK_API int tk_deviances(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E,
+                        double *out);
 
 /* A flight of the flapping-wing vehicle as tk_log_get() gives it, and how to follow it. */
 typedef struct tk_flown {

@@ -1,11 +1,11 @@
-/* A Kalman filter along windows of a log that whitens many columns at once.
+/* A Kalman filter along a log that whitens many columns at once.
  *
  * What is filtered is the deviation of the robot from a reference path: its transition matrices are given row by row, its
  * inputs are the columns. Gains depend on the noise alone, so all columns share them, and innovations over their standard
  * deviations are white with unit variance if the noise is as described (Kailath, "An innovations approach to least-squares
  * estimation", IEEE Transactions on Automatic Control 13, 1968).
  *
- * The state is the deviation (n), random pushes (r, each AR(1) with unit variance), and coloured sensor noise (c, AR(1)).
+ * The state is the deviation (n), random motion (r, each AR(1) with unit variance), and coloured sensor noise (c, AR(1)).
  */
 #include <math.h>
 #include <stdlib.h>
@@ -18,12 +18,12 @@ enum { MOST = 48 }; /* states */
 
 typedef struct filter {
 	const tk_noise *noise;
-	size_t n, r, c, tints, N; /* tints: states of coloured sensor noise, none where all is white */
+	size_t n, r, c, coloured, N; /* coloured: states of coloured sensor noise, none where all is white */
 	size_t q;
 	double *P;     /* N x N */
 	double *F;     /* N x N */
 	double *work;  /* N x N */
-	double *z;     /* N x q: the columns' states, then one row to compute in */
+	double *z;     /* N x q: the columns' states, then n x q to compute in */
 } filter;
 
 static void start(filter *f) {
@@ -32,30 +32,29 @@ static void start(filter *f) {
 	memset(f->z, 0, N * f->q * sizeof *f->z);
 	for (size_t i = 0; i < f->n; i++) { f->P[i * N + i] = f->noise->start[i] * f->noise->start[i]; }
 	for (size_t i = 0; i < f->r; i++) { f->P[(f->n + i) * N + f->n + i] = 1; }
-	for (size_t i = 0; i < f->tints; i++) {
+	for (size_t i = 0; i < f->coloured; i++) {
 		const double sd = f->noise->coloured[i];
 		f->P[(f->n + f->r + i) * N + f->n + f->r + i] = sd * sd;
 	}
 }
 
-/* P - K S K' by Joseph's form, which keeps P positive: h is C's row i and the coloured noise of channel i. */
+/* The variance of the innovation of channel i, whose coloured noise is a state, and its gain K; P less what it tells. */
 static double update(filter *f, size_t i, double variance, double *K) {
 	const size_t N = f->N;
 	const double *C = f->noise->C + i * f->n;
 	const size_t own = f->n + f->r + i;
 	double Ph[MOST], S = variance;
 	for (size_t a = 0; a < N; a++) {
-		double sum = f->tints ? f->P[a * N + own] : 0;
+		double sum = f->coloured ? f->P[a * N + own] : 0;
 		for (size_t b = 0; b < f->n; b++) { sum += f->P[a * N + b] * C[b]; }
 		Ph[a] = sum;
 	}
 	for (size_t b = 0; b < f->n; b++) { S += C[b] * Ph[b]; }
-	S += f->tints ? Ph[own] : 0;
+	S += f->coloured ? Ph[own] : 0;
 	for (size_t a = 0; a < N; a++) { K[a] = Ph[a] / S; }
 	for (size_t a = 0; a < N; a++) {
 		for (size_t b = 0; b <= a; b++) {
-			const double p = f->P[a * N + b] - K[a] * Ph[b] - Ph[a] * K[b] + K[a] * S * K[b];
-			f->P[a * N + b] = f->P[b * N + a] = p;
+			f->P[b * N + a] = f->P[a * N + b] -= K[a] * Ph[b];
 		}
 	}
 	return S;
@@ -66,7 +65,7 @@ static void innovate(filter *f, size_t i, const double *E, double S, const doubl
 	const size_t q = f->q;
 	const double *C = f->noise->C + i * f->n, *own = f->z + (f->n + f->r + i) * q;
 	const double unit = 1 / sqrt(S);
-	for (size_t k = 0; k < q; k++) { out[k] = f->tints ? E[k] - own[k] : E[k]; }
+	for (size_t k = 0; k < q; k++) { out[k] = f->coloured ? E[k] - own[k] : E[k]; }
 	for (size_t b = 0; b < f->n; b++) {
 		if (C[b] == 0) { continue; }
 		const double *z = f->z + b * q;
@@ -86,10 +85,10 @@ static void transition(filter *f, const double *A, const double *G) {
 	memset(f->F, 0, N * N * sizeof *f->F);
 	for (size_t i = 0; i < n; i++) {
 		for (size_t j = 0; j < n; j++) { f->F[i * N + j] = A[i * n + j]; }
-		for (size_t j = 0; j < r; j++) { f->F[i * N + n + j] = G[i * r + j] * f->noise->push[j]; }
+		for (size_t j = 0; j < r; j++) { f->F[i * N + n + j] = G[i * r + j] * f->noise->process[j]; }
 	}
-	for (size_t j = 0; j < r; j++) { f->F[(n + j) * N + n + j] = f->noise->push_keeps[j]; }
-	for (size_t j = 0; j < f->tints; j++) { f->F[(n + r + j) * N + n + r + j] = f->noise->coloured_keeps[j]; }
+	for (size_t j = 0; j < r; j++) { f->F[(n + j) * N + n + j] = f->noise->process_rho[j]; }
+	for (size_t j = 0; j < f->coloured; j++) { f->F[(n + r + j) * N + n + r + j] = f->noise->coloured_rho[j]; }
 }
 
 /* F P F' without what is zero in F, which is most of it. */
@@ -112,12 +111,12 @@ static void predict_covariance(filter *f) {
 		}
 	}
 	for (size_t j = 0; j < r; j++) {
-		const double keeps = f->noise->push_keeps[j];
-		f->P[(n + j) * N + n + j] += 1 - keeps * keeps;
+		const double rho = f->noise->process_rho[j];
+		f->P[(n + j) * N + n + j] += 1 - rho * rho;
 	}
-	for (size_t j = 0; j < f->tints; j++) {
-		const double keeps = f->noise->coloured_keeps[j], sd = f->noise->coloured[j];
-		f->P[(n + r + j) * N + n + r + j] += (1 - keeps * keeps) * sd * sd;
+	for (size_t j = 0; j < f->coloured; j++) {
+		const double rho = f->noise->coloured_rho[j], sd = f->noise->coloured[j];
+		f->P[(n + r + j) * N + n + r + j] += (1 - rho * rho) * sd * sd;
 	}
 }
 
@@ -156,9 +155,9 @@ static double innovate_row(filter *f, const double *variance, const double *E, d
 
 int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *D, const double *E,
               double *out, double *log_det) {
-	const size_t n = noise->n, r = noise->r, c = noise->c, tints = noise->coloured ? c : 0, N = n + r + tints;
+	const size_t n = noise->n, r = noise->r, c = noise->c, coloured = noise->coloured ? c : 0, N = n + r + coloured;
 	if (N > MOST) { return fail("a filter of %zu states: at most %d", N, MOST); }
-	filter f = {noise, n, r, c, tints, N, columns, NULL, NULL, NULL, NULL};
+	filter f = {noise, n, r, c, coloured, N, columns, NULL, NULL, NULL, NULL};
 	double *memory = calloc(3 * N * N + (N + n) * columns, sizeof *memory);
 	if (!memory) { return fail("out of memory"); }
 	f.P = memory;

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tinykoop import bridge
 from tinykoop.diagnose import diagnose, elsewhere, words
-from tinykoop.diagnose.pem.fit import Cause
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.prediction_errors.fit import Cause
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
 SP, ST = 0.004, 0.004  # m, rad

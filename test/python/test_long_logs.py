@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tinykoop import bridge
 from tinykoop.diagnose import diagnose, page, words
-from tinykoop.diagnose.pem import ahead
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.prediction_errors import ahead
 from tinykoop.logs import replay
 from tinykoop.plumbing import results
 from tinykoop.plumbing.errors import UserError

@@ -5,12 +5,12 @@ import pytest
 from scipy import linalg, stats
 from test_diagnose import DT, LONG, SHORT, SP, ST, START, as_log, drive, log_of, noise_of, usual
 from tinykoop import bridge
-from tinykoop.bridge.whitening import LANES, surprises, whiten
-from tinykoop.diagnose.pem import ahead, noise, spans
-from tinykoop.diagnose.pem.fit import Cause, Fitter
-from tinykoop.diagnose.pem.noise import Noise
-from tinykoop.diagnose.pem.search import Search
+from tinykoop.bridge.whitening import LANES, deviances, whiten
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.prediction_errors import ahead, noise, spans
+from tinykoop.diagnose.prediction_errors.fit import Cause, Fitter
+from tinykoop.diagnose.prediction_errors.noise import Noise
+from tinykoop.diagnose.prediction_errors.search import Search
 
 WHITE = Noise(np.array([SP, SP, ST]), np.zeros(3), np.full(3, 1e-4), np.full(3, 0.85))
 
@@ -43,11 +43,11 @@ class Small:
         self.variance = rng.uniform(0.5, 2, (K, c))
         self.variance[[2, 3, 8], [0, 1, 1]] = np.inf
         self.start, self.push, self.keeps = rng.uniform(0.5, 2, n), rng.uniform(0.2, 1, r), rng.uniform(0.1, 0.9, r)
-        self.tint, self.tint_keeps = tint * rng.uniform(0.5, 1, c), rng.uniform(0.1, 0.9, c)
+        self.tint, self.tint_rho = tint * rng.uniform(0.5, 1, c), rng.uniform(0.1, 0.9, c)
         self.D, self.E = rng.normal(size=(K, n, 3)), rng.normal(size=(K, c, 3))
 
     def arguments(self):
-        return self.begins, self.A, self.G, self.variance, self.start, self.C, self.push, self.keeps, self.tint, self.tint_keeps, self.D, self.E
+        return self.begins, self.A, self.G, self.variance, self.start, self.C, self.push, self.keeps, self.tint, self.tint_rho, self.D, self.E
 
     def dense(self):
         """[(what is seen of all columns, their covariance)] of each run: from what makes each of them, row by row."""
@@ -62,8 +62,8 @@ class Small:
                 at += r + 2 * c
                 old = 0.0 if k == first else 1.0
                 slip = old * self.keeps[:, None] * slip + np.sqrt(1 - old * self.keeps**2)[:, None] * fresh[0]
-                own = np.sqrt(1 - old * self.tint_keeps**2) * self.tint
-                tint = old * self.tint_keeps[:, None] * tint + own[:, None] * fresh[1]
+                own = np.sqrt(1 - old * self.tint_rho**2) * self.tint
+                tint = old * self.tint_rho[:, None] * tint + own[:, None] * fresh[1]
                 for i in np.flatnonzero(np.isfinite(self.variance[k])):
                     made.append(self.C[i] @ state + tint[i] + np.sqrt(self.variance[k, i]) * fresh[2][i])
                     seen.append(self.E[k, i] - self.C[i] @ mean)
@@ -90,10 +90,10 @@ def test_likelihoods_of_eight_noises_are_those_of_normal_distributions(tint):
     small = Small(tint)
     scales, expected = np.linspace(0.5, 2, LANES), []
     rows = lambda values: scales[:, None] * values  # noqa: E731
-    keeps = [np.tile(k, (LANES, 1)) for k in (small.keeps, small.tint_keeps)]
+    keeps = [np.tile(k, (LANES, 1)) for k in (small.keeps, small.tint_rho)]
     white = np.tile(scales[:, None] ** 2, (1, small.shape[2]))
     arguments = small.begins, small.A, small.G, small.variance, small.start, small.C, rows(small.push), keeps[0], white, rows(small.tint), keeps[1]
-    ours = surprises(*arguments, small.D[..., 0], small.E[..., 0])
+    ours = deviances(*arguments, small.D[..., 0], small.E[..., 0])
     variance, push, sd = small.variance, small.push, small.tint
     for s in scales:
         small.variance, small.push, small.tint = s**2 * variance, s * push, s * sd
@@ -149,7 +149,7 @@ def test_noise_is_told(kind, rho, active):
     for seed in range(3):
         search = Search(ddr.Path(log_of(drive(LONG, seed), usual(*active), kind, seed)))
         causes = [Cause(e.name, e.parameters) for e in usual(*active)]
-        n = search.tinted(search.likeliest(search.fitter.fit_of(causes))).noise
+        n = search.with_coloured_noise(search.likeliest(search.fitter.fit_of(causes))).noise
         found.append([n.sensor[0] / SP, n.sensor[2] / ST, n.sensor_rho[0], n.sensor_rho[2]])
     sp, st, rho_p, rho_t = np.mean(found, axis=0)
     assert max(abs(sp - 1), abs(st - 1)) < (0.15 if rho else 0.08) and max(abs(rho_p - rho), abs(rho_t - rho)) < 0.08, found

@@ -103,11 +103,10 @@ def test_assurance_names_files_that_exist():
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
-    from tinykoop.diagnose import diagnosis
     from tinykoop.diagnose.flight import diagnosis as flight
     from tinykoop.diagnose.flight import gap, innovations
-    from tinykoop.diagnose.pem import ahead, judge, spans
     from tinykoop.diagnose.platforms import ddr
+    from tinykoop.diagnose.prediction_errors import ahead, judge, spans
 
     return [
         f"the first {ddr.SETTLE} rows are left out",
@@ -120,7 +119,7 @@ def _figures_of_the_diagnoser():
         f"({100 * ddr.SMALLEST:.1f} % of the way driven",
         f"more than {100 * judge.UNEXPLAINED:g} % of the gap",
         f"more than {judge.STANDS_OUT:g} times what all noise makes",
-        f"no effect has a confidence of {diagnosis.BELIEVED:g}",
+        f"no effect has a confidence of {judge.BELIEVED:g}",
         f"no confidence exceeds {judge.UNSURE:g}; nor {judge.DOUBT:g}",
         f"at {flight.RATE:g} Hz",
         f"{flight.LEAST_SECONDS:g} s at least",

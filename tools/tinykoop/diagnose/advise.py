@@ -3,7 +3,7 @@
 import numpy as np
 
 from .. import bridge
-from .pem.fit import Cause, Fitter
+from .prediction_errors.fit import Cause, Fitter
 
 SECONDS, FEWEST_ROWS = 40.0, 200
 PAIRS = 6  # that are to be told apart, at most

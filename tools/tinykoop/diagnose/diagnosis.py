@@ -7,14 +7,13 @@ import numpy as np
 from .. import bridge
 from ..plumbing.errors import UserError
 from . import advise, elsewhere, where
-from .pem import ahead, judge, openset
-from .pem.fit import Fit
-from .pem.search import Search
 from .platforms import ddr
+from .prediction_errors import ahead, judge, openset
+from .prediction_errors.fit import Fit
+from .prediction_errors.search import Search
 from .robot import check_effects
 
-FEWEST_ROWS, FEWEST = 60, 6
-BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
+FEWEST_ROWS, FEWEST = 60, 6  # usable transitions of a log, and in a row
 
 
 @dataclass
@@ -105,15 +104,6 @@ def _gap(before, after, least, seed):
     return gap | {"heading_rad": {k: v for k, v in heading.items() if k != "ci95"}, "windows": len(before["position"])}
 
 
-def _found(path):
-    """(search, state, small causes, starts, state with these)."""
-    search = Search(path)
-    whole = search.run()
-    starts = ahead.starts_of(path)
-    state, small = judge.paying(search, whole, starts)
-    return search, state, small, starts, whole
-
-
 def _by_worth(fitter, fit):
     """(fit, [fit without each cause]), the cause that is worth most first."""
     rests = judge.dropped(fitter, fit)
@@ -125,21 +115,23 @@ def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
     """The Diagnosis of a log (bridge.Log); fresh: another log of the robot, on which nothing is fitted."""
     path = platform.Path(log, without)
     check_effects(without, platform.effects(path.u))
-    search, state, small, starts, whole = _found(path)
+    search, starts = Search(path), ahead.starts_of(path)
+    whole = search.run()
+    state, small = judge.paying(search, whole, starts)
     fitter = search.at(state)
     before, least = ahead.errors(path, (), starts), ahead.floor(path, state.noise.quiet(path), starts)
-    left = judge.left(search, state, whole, before, ahead.after(fitter, state.fit, starts), starts)
+    after = ahead.after(fitter, state.fit, starts)
+    left = judge.left(search, state, whole, before, after, starts)
     fit, rests = _by_worth(fitter, state.fit)
     proved = judge.proofs(search, fit, rests, left)
-    word = judge.verdict(fit, proved, left, BELIEVED)
+    word = judge.verdict(fit, proved, left)
     if word == "none":
-        fit, proved = fitter.fit_of(()), []
-    after, base = ahead.after(fitter, fit, starts), fitter.fit_of(())
+        fit, proved, after = fitter.fit_of(()), [], before
     hidden = judge.untestable(search, fit)
     pairs = [(cause, rival) for cause, proof in zip(fit.causes, proved) for rival in proof.others]
     advice = advise.advise(platform, path, fitter, pairs, hidden)
     effects = _effects(path, fitter, fit, proved)
-    ranked = judge.ranking(search, base, fit, proved)
+    ranked = judge.ranking(search, fitter.fit_of(()), fit, proved)
     report = {
         "platform": platform.name,
         "verdict": word,
@@ -148,7 +140,7 @@ def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
         "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])
         + [{"name": name, "score": float(score)} for name, score in ranked],
         "ambiguous_with": {c.name: list(proof.others) for c, proof in zip(fit.causes, proved) if proof.others},
-        "lookalikes": [{"effects": sorted(names), "as": what} for names, what in platform.LOOKALIKES.items() if names <= set(fit.names)],
+        "lookalikes": [{"effects": sorted(names), "as": what} for names, what in path.lookalikes.items() if names <= set(fit.names)],
         "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
         "where": where.located(path, before, least, starts, fit),
         "gap": _gap(before, after, least, seed),

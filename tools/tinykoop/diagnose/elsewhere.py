@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from .pem.fit import ALWAYS
+from .prediction_errors.fit import ALWAYS
 
 AT_END = "loss_at_end"  # a parameter that is reached where the log ends, or the stretch in which the effect acts
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..plumbing.results import number
 from . import words
-from .pem.ahead import HORIZONS
+from .prediction_errors.ahead import HORIZONS
 
 WIDTH = 480  # of every figure, px; narrower screens scale it
 MOST_POINTS = 1500  # of a path: more are not seen

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from ..plumbing.results import number
 from . import figures, words
-from .platforms import ddr
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1c1f23; --soft: #5a6270; --paper: #fff; --rule: #d8dce2; --card: #f5f6f8;
@@ -186,7 +185,7 @@ def _next(result):
         return ""
     dt = words.real(report["log"]["dt"])
     label = f"Drive this next: {report['advice']['words']}"
-    names = ddr.command_names
+    names = result.path.command_names
     commands = figure(label, figures.drive(advice, dt, names, label))
     link = f'<p><a download="next_drive.csv" href="{_csv(advice, dt)}">These commands as CSV</a></p>'
     return section(

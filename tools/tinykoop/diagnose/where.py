@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .pem.ahead import HORIZONS
+from .prediction_errors.ahead import HORIZONS
 
 BINS = 4
 BLOCKS = 8

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from ..prediction_errors.ahead import HORIZONS
 from .problem import FINER
 from .rollouts import Rollouts
 
-HORIZONS = (1, 10, 50)
 COVERED = 2.0  # times that the longest predictions go over the log, at most
 SHOWS = 1.1  # times the noise, from which on a gap is one
 DRAWS, BLOCK = 400, 5  # of the bootstrap; predictions in a block

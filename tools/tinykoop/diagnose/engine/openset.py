@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-BLOCKS, MOST = 6, 8
+from ..prediction_errors.openset import forward
+
+BLOCKS = 6
 MATTERS = 0.02  # share of a held-out misfit that generic pushes take away, from which on something is left
 NOISY = 1.5  # misfit per degree of freedom, from which on something is left whatever the pushes find
 
@@ -18,21 +20,6 @@ class Left:
     @property
     def matters(self):
         return self.share > MATTERS or self.times > NOISY
-
-
-def forward(gram, slope, most=MOST):
-    """Columns chosen one by one by what each adds, and their weights."""
-    chosen, weights = [], np.zeros(0)
-    size = np.maximum(np.diag(gram), 1e-12)
-    left = slope.copy()
-    for _ in range(min(most, len(slope))):
-        gain = left**2 / size
-        gain[chosen] = -1
-        chosen.append(int(np.argmax(gain)))
-        part = gram[np.ix_(chosen, chosen)]
-        weights = np.linalg.solve(part + 1e-9 * np.diag(np.diag(part)), slope[chosen])
-        left = slope - gram[:, chosen] @ weights
-    return chosen, weights
 
 
 def left(problem, fit, jacobian):

@@ -4,7 +4,7 @@ import numpy as np
 
 from .. import words as said
 from ..figures import WIDTH, Panel, bars, extent, legend, note, over_time, stroke, svg
-from ..pem.ahead import HORIZONS, rms
+from ..prediction_errors.ahead import HORIZONS, rms
 from . import words
 from .fit import active
 from .gap import attitude

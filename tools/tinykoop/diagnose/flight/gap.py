@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..pem.ahead import DRAWS, HORIZONS, closed, rms
+from ..prediction_errors.ahead import DRAWS, HORIZONS, closed, rms
 from .fit import active
 from .innovations import settled
 from .vehicle import ANGLES, CHANNELS, wrapped

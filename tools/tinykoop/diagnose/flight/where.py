@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import signal
 
-from ..pem.ahead import HORIZONS
+from ..prediction_errors.ahead import HORIZONS
 from .gap import attitude
 from .vehicle import ANGLES, CHANNELS
 

@@ -3,7 +3,7 @@
 import math
 
 from .. import words
-from ..pem.ahead import SHOWS
+from ..prediction_errors.ahead import SHOWS
 from ..words import ahead, angle, capital, listed, percent, percent_of, plain, quantity, real, shrinks, signed, sizes, title
 from .advise import SECONDS
 from .diagnosis import ANOTHER

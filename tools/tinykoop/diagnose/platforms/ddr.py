@@ -4,7 +4,7 @@ import numpy as np
 
 from ... import bridge
 from .. import features
-from ..pem.fit import Effect
+from ..prediction_errors.fit import Effect
 from ..robot import Parameter
 
 name = "ddr"
@@ -15,7 +15,6 @@ RAYS = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)
 # Noise is measured, not fitted.
 # What together looks like something that is no effect here: then they are never sure.
 LOOKALIKES = {frozenset(("actuator_lag", "transport_delay")): "actuators of second order"}
-command_names = ("v", "omega")
 NOT_FITTED = ("measurement_noise",)
 # A real robot moves in continuous time: where nothing speaks against it, that is assumed.
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
@@ -88,6 +87,7 @@ class Path:
     finest = FINEST
     C = np.eye(3)
     lookalikes = LOOKALIKES
+    command_names = ("v", "omega")
     variants = tuple(title for title, _ in VARIANTS)
 
     def __init__(self, log, without=(), variant=0):

@@ -7,8 +7,9 @@ import numpy as np
 from . import ahead
 from .fit import Cause, Fit
 
-PAYS = 0.1  # of the gap above the floor, that a cause must close at one of the horizons
+PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
+BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 DOUBT = 0.8  # of a confidence stays where something is left
@@ -126,11 +127,11 @@ def _left_in(path, noise, before, after, starts, gap):
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise)), path.gaps[gap][0])
 
 
-def verdict(fit, proved, left, believed):
+def verdict(fit, proved, left):
     """The word of the contract."""
     if left.matters:
         return "unknown"
-    return "known" if fit.causes and max(p.confidence for p in proved) >= believed else "none"
+    return "known" if fit.causes and max(p.confidence for p in proved) >= BELIEVED else "none"
 
 
 def threshold_interval(fitter, fit, index, price=3.84):
@@ -150,28 +151,31 @@ def threshold_interval(fitter, fit, index, price=3.84):
     return ends
 
 
+def _closes(path, noise, then, now, least, moved):
+    """Largest share of what is left above the floor that a cause closes; 0 where it moves predictions by less than matters."""
+    shares = [0.0]
+    for gap in path.gaps:
+        smallest = path.smallest_of(gap, noise)
+        a, b, f = (ahead.rms(errors[gap])[1:] for errors in (then, now, least))
+        enough = (a - b > ENOUGH * smallest) & (moved[gap][1:] > smallest)
+        shares.append(np.nanmax(np.where(enough, (a - b) / np.maximum(a - f, 1e-9), 0), initial=0))
+    return float(max(shares))
+
+
 def paying(search, state, starts):
-    """The state without causes that do not pay on rows that they were not fitted on; those are `small`."""
+    """(the state without causes that do not pay on rows that they were not fitted on, these)."""
     path, small = search.path, []
-    while state.fit.causes:
+    while state.causes:
         fitter = search.at(state)
-        rests = dropped(fitter, state.fit)
-        least = ahead.floor(path, state.noise, starts)
-        now = ahead.after(fitter, state.fit, starts)
-        gains = []
-        for rest in rests:
-            then = ahead.after(fitter, rest, starts)
-            moved = ahead.moved(path, state.fit.causes, rest.causes, starts)
-            best = 0.0
-            for gap in path.gaps:
-                a, b, f = (ahead.rms(v[gap])[1:] for v in (then, now, least))
-                enough = (a - b > 0.1 * path.smallest_of(gap, state.noise)) & (moved[gap][1:] > path.smallest_of(gap, state.noise))
-                best = max(best, float(np.nanmax(np.where(enough, (a - b) / np.maximum(a - f, 1e-9), 0), initial=0)))
-            gains.append(best)
-        i = int(np.argmin(gains))
-        if gains[i] > PAYS:
-            return state, small
-        small.append(state.fit.causes[i])
+        rests, least, now = dropped(fitter, state.fit), ahead.floor(path, state.noise, starts), ahead.after(fitter, state.fit, starts)
+        shares = [
+            _closes(path, state.noise, ahead.after(fitter, rest, starts), now, least, ahead.moved(path, state.causes, rest.causes, starts))
+            for rest in rests
+        ]
+        i = int(np.argmin(shares))
+        if shares[i] > PAYS:
+            break
+        small.append(state.causes[i])
         state = search.settled(state, rests[i])
     return state, small
 

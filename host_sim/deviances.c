@@ -1,4 +1,4 @@
-/* The likelihood of one residual under several noises at once, as an optimiser asks for it along with its slopes.
+/* The deviance of one residual under several noises at once, as an optimiser asks for it along with its slopes.
  *
  * The filter is that of whiten.c; every number of it is a row of LANES, one for each noise, so that a compiler makes vector
  * instructions of the inner loops. */
@@ -17,9 +17,9 @@ typedef struct lanes {
 
 typedef struct filter {
 	const tk_noises *noises;
-	size_t n, r, c, tints, N;
+	size_t n, r, c, coloured, N;
 	lanes *P, *work, *z, *after;
-	lanes process[MOST], keeps[MOST]; /* of states beyond the deviation */
+	lanes process[MOST], rho[MOST]; /* of states beyond the deviation */
 	lanes squares, log_det, product;
 } filter;
 
@@ -37,7 +37,7 @@ static void start(filter *f) {
 	memset(f->z, 0, f->N * sizeof *f->z);
 	for (size_t i = 0; i < f->n; i++) { f->P[i * f->N + i] = spread(s->start[i] * s->start[i]); }
 	for (size_t i = 0; i < f->r; i++) { f->P[(f->n + i) * f->N + f->n + i] = spread(1); }
-	for (size_t i = 0; i < f->tints; i++) {
+	for (size_t i = 0; i < f->coloured; i++) {
 		lanes *p = &f->P[(f->n + f->r + i) * f->N + f->n + f->r + i];
 		EACH { p->of[l] = s->coloured[l * f->c + i] * s->coloured[l * f->c + i]; }
 	}
@@ -60,7 +60,7 @@ static void update(filter *f, size_t i, double present, double seen) {
 	const double *C = s->C + i * f->n;
 	lanes Ph[MOST], S, e = spread(seen), unit;
 	for (size_t a = 0; a < N; a++) {
-		Ph[a] = f->tints ? f->P[a * N + own] : spread(0);
+		Ph[a] = f->coloured ? f->P[a * N + own] : spread(0);
 		for (size_t b = 0; b < f->n; b++) {
 			const double weight = C[b];
 			if (weight == 0) { continue; }
@@ -68,7 +68,7 @@ static void update(filter *f, size_t i, double present, double seen) {
 			EACH { Ph[a].of[l] += p->of[l] * weight; }
 		}
 	}
-	EACH { S.of[l] = s->white[l * f->c + i] * present + (f->tints ? Ph[own].of[l] : 0); }
+	EACH { S.of[l] = s->white[l * f->c + i] * present + (f->coloured ? Ph[own].of[l] : 0); }
 	for (size_t b = 0; b < f->n; b++) {
 		EACH {
 			S.of[l] += C[b] * Ph[b].of[l];
@@ -76,7 +76,7 @@ static void update(filter *f, size_t i, double present, double seen) {
 		}
 	}
 	EACH {
-		e.of[l] -= f->tints ? f->z[own].of[l] : 0;
+		e.of[l] -= f->coloured ? f->z[own].of[l] : 0;
 		unit.of[l] = 1 / S.of[l];
 		f->squares.of[l] += e.of[l] * e.of[l] * unit.of[l];
 		f->product.of[l] *= S.of[l];
@@ -107,7 +107,7 @@ static void add(lanes *to, const lanes *from, const lanes *weight, size_t count,
 /* Element (i, k) of the transition; whether it is other than zero. */
 static int element(const filter *f, const double *A, const double *G, size_t i, size_t k, lanes *out) {
 	if (i >= f->n) {
-		*out = f->keeps[i];
+		*out = f->rho[i];
 		return i == k;
 	}
 	if (k < f->n) {
@@ -141,10 +141,10 @@ static void predict(filter *f, const double *A, const double *G, const double *D
 	}
 	for (size_t j = n; j < N; j++) {
 		lanes *p = &f->P[j * N + j];
-		const int tint = j >= n + f->r;
+		const int coloured_state = j >= n + f->r;
 		EACH {
-			const double sd = tint ? s->coloured[l * f->c + j - n - f->r] : 1;
-			p->of[l] += (1 - f->keeps[j].of[l] * f->keeps[j].of[l]) * sd * sd;
+			const double sd = coloured_state ? s->coloured[l * f->c + j - n - f->r] : 1;
+			p->of[l] += (1 - f->rho[j].of[l] * f->rho[j].of[l]) * sd * sd;
 		}
 	}
 }
@@ -164,10 +164,10 @@ static void run(filter *f, size_t rows, const tk_path *path, const double *D, co
 	}
 }
 
-int tk_surprise(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E, double *out) {
-	const size_t n = noises->n, r = noises->r, c = noises->c, tints = noises->coloured ? c : 0, N = n + r + tints;
+int tk_deviances(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E, double *out) {
+	const size_t n = noises->n, r = noises->r, c = noises->c, coloured = noises->coloured ? c : 0, N = n + r + coloured;
 	if (N > MOST) { return fail("a filter of %zu states: at most %d", N, MOST); }
-	filter f = {.noises = noises, .n = n, .r = r, .c = c, .tints = tints, .N = N};
+	filter f = {.noises = noises, .n = n, .r = r, .c = c, .coloured = coloured, .N = N};
 	lanes *memory = calloc(2 * N * N + 2 * N, sizeof *memory);
 	if (!memory) { return fail("out of memory"); }
 	f.P = memory;
@@ -177,7 +177,7 @@ int tk_surprise(const tk_noises *noises, size_t rows, const tk_path *path, const
 	for (size_t j = n; j < N; j++) {
 		EACH {
 			f.process[j].of[l] = j < n + r ? noises->process[l * r + j - n] : 0;
-			f.keeps[j].of[l] = j < n + r ? noises->process_keeps[l * r + j - n] : noises->coloured_keeps[l * c + j - n - r];
+			f.rho[j].of[l] = j < n + r ? noises->process_rho[l * r + j - n] : noises->coloured_rho[l * c + j - n - r];
 		}
 	}
 	run(&f, rows, path, D, E);

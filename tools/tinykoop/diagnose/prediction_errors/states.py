@@ -19,9 +19,9 @@ LOUDER = 3.0  # times what third differences show, that the sensor's noise may b
 
 @dataclass(frozen=True)
 class State:
-    """Causes and noise; surprise: -2 log likelihood."""
+    """Causes and noise; deviance: -2 log likelihood but for a constant."""
 
-    surprise: float
+    deviance: float
     fit: Fit
     noise: noises.Noise
     variant: int
@@ -49,7 +49,7 @@ class States:
 
     def worth(self, state):
         """-2 log likelihood and the price of the causes: the less, the better."""
-        return state.surprise + self.costs(state.causes)
+        return state.deviance + self.costs(state.causes)
 
     def costs(self, causes):
         """Price of causes: of each, of each parameter beyond the first, of each edge in time."""
@@ -83,9 +83,9 @@ class States:
     def likeliest(self, fit, rounds=noises.ROUNDS, coloured=None):
         """The State of a fit's causes with the noise that suits them, from the fitter's."""
         D, E = self.path.steps([fit.causes]), self.path.E[..., None]
-        self.fitter.noise, surprise = noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
+        self.fitter.noise, deviance = noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
         fit = self.fitter.fit_of(fit.causes)
-        return State(surprise + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant)
+        return State(deviance + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant)
 
     def settled(self, state, fit):
         """Sizes and noise in turn, from those of a state; once more from no random motion.
@@ -117,9 +117,9 @@ class States:
             state = self.likeliest(self.fitter.fit_of(state.causes))
         return state
 
-    def tinted(self, state):
+    def with_coloured_noise(self, state):
         """With coloured sensor noise if that is likelier."""
         if (state.noise.sensor_rho > 0).any():
             return state
         coloured = self.likeliest(self.at(state).fit_of(state.causes), 2 * noises.ROUNDS, coloured=True)
-        return coloured if coloured.surprise < state.surprise - MARGIN else state
+        return coloured if coloured.deviance < state.deviance - MARGIN else state

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from ...bridge.whitening import LANES, surprises, whiten
+from ...bridge.whitening import LANES, deviances, whiten
 
 QUIET = 2e-4  # of the usual speed: less random motion than that is none
 CORRELATED = 1e-2  # of a row with the next, below which sensor noise is white
@@ -14,7 +14,7 @@ SHARES = (0.0, 0.01, 0.03, 0.1)  # of the usual speed, that random motion may be
 WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter well conditioned
 SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
-ROUNDS, TOLERANCE, STEP = 15, 1e-7, 1e-4
+ROUNDS, TOLERANCE, STEP = 15, 1e-7, 1e-4  # of the search; relative; by which slopes are taken
 
 
 @dataclass(frozen=True)
@@ -95,31 +95,31 @@ def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
     """
     vector = _Vector(path, bool((noise.sensor_rho > CORRELATED).any()) if coloured is None else coloured)
 
-    def surprise(zs):
+    def deviances_of(zs):
         """-2 log likelihoods of vectors (m, p), eight at a time."""
         out = []
         for some in np.array_split(zs, -(-len(zs) // LANES)):
             noises = [vector.noise(z) for z in some]
             noises += [noises[0]] * (LANES - len(noises))
-            out.append(_surprises(path, noises, D[..., 0], E[..., 0])[: len(some)])
+            out.append(_deviances(path, noises, D[..., 0], E[..., 0])[: len(some)])
         return np.concatenate(out)
 
     def with_slope(z):
-        values = surprise(np.concatenate([[z], z + STEP * np.eye(len(z))]))
+        values = deviances_of(np.concatenate([[z], z + STEP * np.eye(len(z))]))
         return values[0], (values[1:] - values[0]) / STEP
 
     others = [_coloured(path, rho) for rho in BEGIN] if vector.coloured else [_moving(path, share) for share in SHARES]
     starts = np.array([vector.of(n) for n in (noise, noise.quiet(path), *others)])
     found = optimize.minimize(
-        with_slope, starts[surprise(starts).argmin()], jac=True, method="L-BFGS-B", bounds=vector.bounds,
+        with_slope, starts[deviances_of(starts).argmin()], jac=True, method="L-BFGS-B", bounds=vector.bounds,
         options={"maxiter": rounds, "ftol": TOLERANCE},
     )  # fmt: skip
     return vector.noise(found.x), float(found.fun)
 
 
-def _surprises(path, noises, D, E):
+def _deviances(path, noises, D, E):
     columns = (np.stack([getattr(n, name) for n in noises]) for name in ("process", "process_rho", "sensor", "sensor_rho"))
     process, process_rho, sensor, rho = columns
     white = np.where(rho > CORRELATED, WHITE, 1.0) * sensor**2
     tint = np.where(rho > CORRELATED, sensor, 0.0)
-    return surprises(path.begins, path.A, path.G, path.present, SPREAD * path.spread, path.C, process, process_rho, white, tint, rho, D, E)
+    return deviances(path.begins, path.A, path.G, path.present, SPREAD * path.spread, path.C, process, process_rho, white, tint, rho, D, E)

@@ -7,20 +7,20 @@ from .states import MARGIN, States
 MOST = 4  # effects of one explanation
 LIKELY, HIDDEN = 4, 3  # candidates by the noise as it is, and by what the sensor alone makes
 TRIED, CLOSE = 2, 0.6  # of these, for which noise is estimated anew; of the best one's gain, that the next must have
-TURNS = 3
+TURNS = 3  # of more causes and simpler ones
 
 
 class Search(States):
     def run(self):
         """The State that is worth most; `base` is that without causes."""
-        state = self.base = self.tinted(self.robust(self.likeliest(self.fitter.fit_of(()))))
+        state = self.base = self.with_coloured_noise(self.robust(self.likeliest(self.fitter.fit_of(()))))
         for _ in range(TURNS):
             wide = state = self.forward(state)
             for simpler_ in (simpler.begun_anew, simpler.opened, simpler.simplified, simpler.discretised):
                 state = simpler_(self, state)
             if state is wide or len(state.causes) == MOST:
                 break
-        return self.tinted(self.robust(state))
+        return self.with_coloured_noise(self.robust(state))
 
     def forward(self, state):
         """Causes taken in one by one."""

@@ -8,8 +8,8 @@ from .fit import ALWAYS
 
 BLOCKS, FEWEST = 30, 15  # parts of a log; rows of one, at least
 REACH, STRIDE, NEAR = 120, 12, 14  # rows by which an edge is moved, in strides; then row by row
-TURNS = 3
-NUDGES = 6
+TURNS = 3  # of edges and sizes
+NUDGES = 6  # of an edge, of a row or two each
 JUMP, JUMPS = 6.0, 6  # standard deviations of an innovation that may be an edge; so many of these
 SHORT = 8  # rows at the ends of a log, where nothing comes or goes
 LEAST = 0.05  # of a log, that anything comes or goes for

@@ -60,7 +60,7 @@ def held_out(fitter, fit):
     if not fit.causes:
         return [()] * FOLDS
     J, c = fitter.jacobian(fit), fitter.path.E.shape[1]
-    z, _, _, curved = fitter.vector(fit.causes)
+    z = fitter.vector(fit.causes)[0]
     fold, out = np.repeat(_folds(fitter.path), c), []
     for f in range(FOLDS):
         A, b = J[fold != f], fit.left[fold != f]

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,9 @@ from scipy.integrate import solve_ivp
 from tinykoop.blind.own import ROBOTS
 from tinykoop.blind.own.plant import drive
 from tinykoop.diagnose import own
-from tinykoop.diagnose.engine.problem import Problem
+from tinykoop.diagnose.platforms.own import Path as LogPath
+from tinykoop.diagnose.prediction_errors import noise as noises
+from tinykoop.diagnose.prediction_errors.fit import Fitter
 from tinykoop.diagnose.robots import check, toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.diagnose.simulators import shared_library
@@ -208,13 +211,13 @@ def test_zero_of_all_effects_is_exactly_the_plain_plant(plant):
 
 def test_a_plain_plant_is_healthy_and_its_columns_are_right(plant, examples, tmp_path):
     robot, log = of_plant(plant, {}, examples, tmp_path)
-    assert check.mistaken(robot, log) + check.along(Problem.of(robot, log)) == []
+    assert check.mistaken(robot, log) + check.along(LogPath(robot, log)) == []
     assert own.diagnose(log, robot).report["verdict"] == "none"
 
 
 def test_known_effects_are_in_the_library_with_these_sizes_and_unknown_ones_are_not(plant, examples, tmp_path):
     robot, log = of_plant(plant, {}, examples, tmp_path)
-    found = Problem(robot, log, 20).everything
+    found = LogPath(robot, log).everything
     for name, (low, high) in plant.KNOWN.items():
         (p,) = found[name].parameters
         assert p.low <= low < high <= p.high, name
@@ -228,12 +231,14 @@ def test_the_simulator_misses_each_effect_at_its_weakest_by_several_times_the_no
 
     def missed(effects):
         robot, log = of_plant(plant, effects, examples, tmp_path)
-        problem = Problem(robot, log, 50, sigma=np.array([sd for _, _, sd in plant.SENSORS]), whole=False)
-        return problem.fit_of(()).cost, len(problem.rollouts.starts)
+        path = LogPath(robot, log)
+        noise = noises.first(path)
+        fitter = Fitter(path, replace(noise, sensor=np.array([sd for _, _, sd in plant.SENSORS])))
+        return fitter.fit_of(()).cost
 
-    plain, windows = missed({})
+    plain, windows = missed({}), plant.ROWS // 50
     for name, sizes in (plant.KNOWN | plant.UNKNOWN).items():
-        assert missed({name: weakest(name, sizes)})[0] > plain + 4**2 * windows, name
+        assert missed({name: weakest(name, sizes)}) > plain + 4**2 * windows, name
 
 
 class Integrator:

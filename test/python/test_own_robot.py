@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop.diagnose import own
-from tinykoop.diagnose.engine.finder import Finder
-from tinykoop.diagnose.engine.problem import Cause, Problem
+from tinykoop.diagnose.platforms.own import Path as LogPath
+from tinykoop.diagnose.prediction_errors import judge
+from tinykoop.diagnose.prediction_errors import noise as noises
+from tinykoop.diagnose.prediction_errors.fit import Cause, Fitter
+from tinykoop.diagnose.prediction_errors.search import Search
 from tinykoop.diagnose.report.html import html
 from tinykoop.diagnose.report.story import story
 from tinykoop.diagnose.robots import check, toml
@@ -91,10 +94,10 @@ def test_a_wrong_parameter_is_named_with_what_does_the_same(car, tmp_path):
 
 def test_effects_act_in_one_order_whichever_was_found_first(car, healthy):
     """A drive that sags and one that is off do not commute: (u - sag u) + bias is not (u + bias) less the sag of both."""
-    problem = Problem(car, healthy, 40)
+    path = LogPath(car, healthy)
     causes = Cause("sag:speed", (0.3,)), Cause("bias:speed", (0.5,))
-    u = problem.action(causes).u
-    np.testing.assert_array_equal(u, problem.action(causes[::-1]).u)
+    u = path.action(causes).u
+    np.testing.assert_array_equal(u, path.action(causes[::-1]).u)
     t = (healthy.t - healthy.t[0]) / np.ptp(healthy.t)
     np.testing.assert_allclose(u[:, 0], healthy.u[:, 0] * (1 - 0.3 * t) + 0.5, rtol=1e-12)
 
@@ -168,6 +171,56 @@ def test_what_no_effect_explains_is_unknown(car, tmp_path):
     assert not report["effects"] or max(e["confidence"] for e in report["effects"]) < 0.9
 
 
+OWN_EFFECT = '''
+import numpy as np
+
+
+def understeer(x, u, k: ("s2/m2", 0.0, 1.0, 0.2)):
+    """turns less the faster it goes"""
+    turn = u[:, 0] * np.tan(u[:, 1]) / 0.33
+    return np.stack([0 * turn, 0 * turn, turn / (1 + k * u[:, 0] ** 2) - turn], 1)
+
+
+def nothing_to_fit(x, u):
+    return 0 * x
+'''
+
+
+def with_own_effect(folder, name):
+    (folder / "car.py").write_text((CAR / "car.py").read_text())
+    (folder / "my_effects.py").write_text(OWN_EFFECT)
+    (folder / "car.toml").write_text((CAR / "car.toml").read_text() + f'\n[effects]\nown = ["my_effects.py:{name}"]\n')
+    return toml.read(folder / "car.toml")
+
+
+def test_an_effect_of_the_user_s_own_is_found(car, tmp_path):
+    def understeers(pose, speed, steering):
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(steering) / 0.33 / (1 + 0.25 * speed**2)
+
+    report = own.diagnose(log_of(car, tmp_path, 15, rate=understeers), with_own_effect(tmp_path, "understeer")).report
+    (effect,) = report["effects"]
+    assert report["verdict"] == "known" and effect["name"] == "understeer" and effect["formula"] == "turns less the faster it goes"
+    assert abs(effect["params"]["k"] - 0.25) < 0.01 and effect["params_ci95"]["k"][0] < 0.25 < effect["params_ci95"]["k"][1]
+
+
+def test_an_effect_of_the_user_s_own_without_a_range_gets_one_line(car, healthy, tmp_path):
+    with pytest.raises(UserError, match="a range for each parameter"):
+        own.diagnose(healthy, with_own_effect(tmp_path, "nothing_to_fit"))
+
+
+def test_an_effect_that_comes_and_goes_is_found_with_its_times(car, tmp_path):
+    def drags(pose, speed, steering):
+        speed = 0.8 * speed if 10.0 <= drags.t < 20.0 else speed
+        drags.t += 0.02 / 10 / 2  # Heun's method asks twice in each of ten steps
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(steering) / 0.33
+
+    drags.t = 0.0
+    report = own.diagnose(log_of(car, tmp_path, 18, rate=drags), car).report
+    (effect,) = report["effects"]
+    assert effect["name"] == "gain:speed" and abs(effect["params"]["a"] + 0.2) < 0.01
+    np.testing.assert_allclose(effect["segments"], [[10.0, 20.0]], atol=0.1)
+
+
 def test_what_changed_since_healthy_logs_is_asked_of_them(car, tmp_path):
     """The simulator lacks a lag; later the steering turns too far, and only that is new."""
 
@@ -214,56 +267,93 @@ def test_several_logs_get_a_report_each_and_one_table(car, tmp_path):
     assert (tmp_path / "out/slow/report.html").exists()
 
 
-# ---- the columns that cost no pass ------------------------------------------------------------------------
+# ---- the path, and columns that cost no pass ----------------------------------------------------------------
+
+
+def fitted(path):
+    return Fitter(path, noises.first(path))
 
 
 def test_columns_are_what_simulation_gives(car, healthy):
-    """Each effect, a little of it, against runs with and without it."""
-    problem = Problem(car, healthy, 40)
-    base = problem.fit_of(())
-    for name, effect in problem.effects.items():
+    """Each effect, a little of it, against steps with and without it."""
+    path = LogPath(car, healthy)
+    fitter = fitted(path)
+    for name, effect in path.effects.items():
         params = tuple(float(np.clip(0.1 * p.usual if not effect.threshold else 0.8 * p.usual, p.low, p.high)) for p in effect.parameters)
         trial = (Cause(name, params),)
-        seen = base.left - problem.fit_of(trial).left
-        column = problem.columns([trial])[:, 0]
-        size = np.linalg.norm(seen)
-        assert np.linalg.norm(seen - column) < 0.15 * size + 1e-6, (name, np.linalg.norm(seen - column) / size)
+        path.about(())
+        base, column = fitter.lefts([(), trial]).T
+        path.about(trial)
+        seen = fitter.lefts([trial])[:, 0] - base
+        assert np.linalg.norm(seen - (column - base)) < 0.15 * np.linalg.norm(seen) + 1e-3, name  # 1e-3: of the noise, in all
 
 
 def test_zero_of_every_effect_changes_nothing(car, healthy):
-    problem = Problem(car, healthy, 40)
-    base = problem.fit_of(())
-    for name, effect in problem.effects.items():
+    path = LogPath(car, healthy)
+    for name, effect in path.effects.items():
         if effect.kind in ("rate_limit", "saturation"):  # nothing is what a limit does not reach
             params = tuple(p.high for p in effect.parameters)
         else:
             params = (0.0,) * len(effect.parameters)
-        assert np.array_equal(problem.fit_of((Cause(name, params),)).left, base.left), name
+        for trial, base in zip(path.steps([(Cause(name, params),)]), path.steps([()])):
+            np.testing.assert_allclose(trial, base, atol=1e-13, err_msg=name)
 
 
-def test_starts_that_are_off_do_not_matter(car, healthy):
-    problem = Problem(car, healthy, 40)
-    problem.rollouts.x0 = problem.rollouts.x0 + [0.02, -0.03, 0.01]
-    problem.linearise(())
-    assert abs(problem.fit_of(()).cost - Problem(car, healthy, 40).fit_of(()).cost) < 0.02 * problem.degrees
+def test_an_effect_acts_in_its_stretch_of_time_alone(car, healthy):
+    path = LogPath(car, healthy)
+    inside = (path.t >= 10.0 - 1e-9) & (path.t < 20.0 - 1e-9)
+    for name in ("gain:speed", "lag:steering", "parameter:wheelbase", "clock", "scale:px", "sensor_bias:yaw"):
+        usual = tuple(p.usual for p in path.effects[name].parameters)
+        whole, part, none = (path.steps([causes]) for causes in ((Cause(name, usual),), (Cause(name, usual, ((10.0, 20.0),)),), ()))
+        for all_along, sometimes, never in zip(whole, part, none):
+            np.testing.assert_array_equal(sometimes[inside], all_along[inside], err_msg=name)
+            np.testing.assert_array_equal(sometimes[~inside], never[~inside], err_msg=name)
+    path.about((Cause("parameter:wheelbase", (0.05,), ((10.0, 20.0),)),))
+    moved = np.abs(path.steps([path.at_causes])[0] - none[0])[..., 0].max(1)
+    assert moved[inside].max() > 1e-4 and moved[~inside].max() == 0
+
+
+def test_the_path_is_the_same_from_wherever_it_is_looked_for(car, healthy):
+    path = LogPath(car, healthy)
+    noise = noises.first(path)
+    path.refer((), noise)
+    there = path.X
+    path.X = path.X + [0.02, -0.03, 0.01]
+    path.refer((), noise)
+    assert (np.abs(path.X - there) < 0.2 * noise.sensor).all()
+
+
+def test_the_path_is_nearer_to_the_truth_than_what_was_measured(quadrotor, tmp_path):
+    """Of a quadrotor that nothing measures the speeds of: they come out as well."""
+    module, robot = quadrotor
+    module.PAYLOAD = 0.0
+    states, fly = [], module.fly
+    seen = list(fly(7))
+    with open(tmp_path / "log.csv", "w", newline="") as file:
+        csv.writer(file).writerows([("t", "x", "z", "pitch", "thrust", "torque"), *seen])
+    log = read(tmp_path / "log.csv", robot)
+    path = LogPath(robot, log)
+    steps = np.diff(path.X[100:-100, :3], axis=0) / log.dt
+    between = (path.X[100:-100, 3:] + np.roll(path.X[100:-100, 3:], -1, 0))[:-1] / 2
+    assert states == [] and np.sqrt(np.mean((steps - between) ** 2)) < 0.05 * np.sqrt(np.mean(steps**2))
 
 
 def test_slopes_to_where_the_car_stands_are_those_of_a_change_that_stays(car, healthy):
     """They are taken once: all later slopes are the same."""
-    problem = Problem(car, healthy, 40)
-    assert problem.rollouts.still == (0, 1)
-    kept = problem.rollouts.slopes(problem.X, problem.at).A
-    problem.rollouts.still = ()
-    np.testing.assert_allclose(kept, problem.rollouts.slopes(problem.X, problem.at).A, atol=1e-8)
+    path = LogPath(car, healthy)
+    assert path.still == [0, 1]
+    kept, path.still = path.A, []
+    path._slope()
+    np.testing.assert_allclose(kept, path.A, atol=1e-8)
 
 
-def test_a_window_in_which_nothing_is_measured_does_no_harm(car, healthy):
+def test_a_stretch_in_which_nothing_is_measured_does_no_harm(car, healthy):
     blind = replace(healthy, x=healthy.x.copy(), y=healthy.y.copy())
     blind.x[200:320] = blind.y[200:320] = np.nan
-    problem = Problem(car, blind, 40)
-    problem.rollouts.x0 = problem.rollouts.x0 + [0.5, -0.4, 0.1]
-    problem.linearise(())
-    assert np.isfinite(problem.rollouts.x0).all() and abs(problem.reached / problem.degrees - 1) < 0.2
+    path = LogPath(car, blind)
+    search = Search(path)
+    state = search.run()
+    assert np.isfinite(path.X).all() and state.causes == () and abs(state.fit.cost / search.fitter.degrees - 1) < 0.05
 
 
 def test_the_interval_of_a_threshold_holds_its_size_however_well_the_log_tells_it(car, tmp_path):
@@ -271,16 +361,17 @@ def test_the_interval_of_a_threshold_holds_its_size_however_well_the_log_tells_i
         turn = np.tan(np.clip(steering, -0.25, 0.25)) / 0.33
         return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * turn
 
-    log = log_of(car, tmp_path, 16, rate=stops)
-    problem = Problem(car, log, 40, sigma=Problem.noise_of(log, car) / 1000)
-    fit = problem.fit_of((Cause("saturation:steering", (0.25,)),))
-    low, high = Finder(problem).interval(fit, 0)
+    path = LogPath(car, log_of(car, tmp_path, 16, rate=stops))
+    trial = (Cause("saturation:steering", (0.25,)),)
+    path.about(trial)
+    noise = noises.first(path)
+    fitter = Fitter(path, replace(noise, sensor=noise.sensor / 100))
+    low, high = judge.limits(fitter, fitter.fit_of(trial), 0, 0, 0, np.full(2, np.nan))
     assert low <= 0.25 <= high and low < high < 1.05 * low
 
 
 def test_an_extra_effect_must_pay(car, healthy):
-    finder = Finder(Problem(car, healthy, 40))
-    assert finder.run().causes == ()
+    assert Search(LogPath(car, healthy)).run().causes == ()
 
 
 # ---- the check before a search ------------------------------------------------------------------------------
@@ -310,7 +401,7 @@ def states(log, change):
 
 def findings(robot, log):
     found = check.mistaken(robot, log)
-    return found if any(f.wrong for f in found) else found + check.along(Problem.of(robot, log))
+    return found if any(f.wrong for f in found) else found + check.along(LogPath(robot, log))
 
 
 @pytest.mark.parametrize("what", MISTAKES)

@@ -115,7 +115,7 @@ def test_one_step_is_the_simulators():
     """Every step by itself, from its measured pose, through bridge.simulate."""
     active = usual("speed_gain", "pacejka_slip", "world_drift", "sensor_lever_arm")
     path = ddr.Path(log_of(drive(), usual("yaw_gain")))
-    D = path.steps([tuple(Cause(e.name, e.parameters) for e in active)])[..., 0]
+    D = path.steps([tuple(Cause(e.name, e.parameters) for e in active)])[0][..., 0]
     arm = active[3].parameters
     for k in range(60, 300, 7):
         pose = path.measured[k]

@@ -19,9 +19,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from tinykoop.diagnose import own
-from tinykoop.diagnose.engine.problem import Cause, Problem
-from tinykoop.diagnose.engine.rollouts import RunsAway
-from tinykoop.diagnose.robot import RobotLog
+from tinykoop.diagnose.platforms.own import Path as LogPath
+from tinykoop.diagnose.prediction_errors.fit import Cause
+from tinykoop.diagnose.prediction_errors.search import Search
+from tinykoop.diagnose.robot import RobotLog, RunsAway
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.plumbing.errors import UserError
@@ -411,9 +412,12 @@ def test_a_trial_that_the_fmu_refuses_is_only_a_bad_one(tmp_path):
     for k in range(399):
         x[k + 1] = swung(x[k : k + 1], u[k : k + 1], 0.02, robot.nominal)[0]
     x = x + rng.normal(0, 0.002, x.shape)
-    problem = Problem.of(robot, RobotLog(np.arange(400) * 0.02, x, u, x, np.ones(399, bool), 0.02))
-    costs = [problem.fit_of((Cause("gain:torque", (a,)),)).cost for a in (0.0, 0.5, 0.01)]
-    assert np.isinf(costs[1]) and costs[0] < 1.5 * problem.degrees and costs[0] < costs[2] < np.inf
+    search = Search(LogPath(robot, RobotLog(np.arange(400) * 0.02, x, u, x, np.ones(399, bool), 0.02)))
+    state = search.likeliest(search.fitter.fit_of(()))
+    before = search.at(state).fit_of(()).cost
+    with pytest.raises(RunsAway, match="the motor burns"):
+        search.path.about((Cause("gain:torque", (0.5,)),))
+    assert search.at(state).fit_of(()).cost == before and search.run().causes == ()
 
 
 # ---- the example -------------------------------------------------------------------------------------------------

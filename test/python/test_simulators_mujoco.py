@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tinykoop.diagnose import own
-from tinykoop.diagnose.engine.rollouts import Rollouts
+from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.plumbing.errors import UserError
@@ -233,9 +233,9 @@ def test_a_run_that_blows_up_is_not_finite_and_leaves_neither_words_nor_files(tm
 def test_windows_on_a_floor_begin_where_the_wheels_bear_and_roll(tmp_path):
     """The height and the wheels' speeds are hidden: their starts come from the simulator, not from 0."""
     robot = example("two_wheeler")
-    rollouts = Rollouts(robot, drawn("two_wheeler", robot, tmp_path, 5, WEAK=0.0), 50)
-    rollouts.begin()
-    names, starts = [s.name for s in robot.states], rollouts.x0.T
+    path = LogPath(robot, drawn("two_wheeler", robot, tmp_path, 5, WEAK=0.0))
+    assert path.cut
+    names, starts = [s.name for s in robot.states], path.X[path.begins == 1].T
     height, yaw, vx, vy = (starts[names.index(name)] for name in ("pz", "yaw", "vx", "vy"))
     assert -1e-3 < np.median(height) < -2e-5
     ahead = vx * np.cos(yaw) + vy * np.sin(yaw)

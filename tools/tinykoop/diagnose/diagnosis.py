@@ -9,6 +9,7 @@ from ..plumbing.errors import UserError
 from . import advise, elsewhere, where
 from .platforms import ddr
 from .prediction_errors import ahead, judge, openset
+from .prediction_errors.answer import answer
 from .prediction_errors.fit import Fit
 from .prediction_errors.search import Search
 from .robot import check_effects
@@ -50,21 +51,13 @@ def _longest(usable):
     return int((edges[:, 1] - edges[:, 0]).max(initial=0))
 
 
-def _limits(fitter, fit, i, k, at, interval):
-    """95 % interval of parameter k of cause i, number `at` of all, in its unit."""
-    effect = fitter.effects[fit.causes[i].name]
-    if effect.threshold or not np.isfinite(interval).all():
-        interval = judge.threshold_interval(fitter, fit, at)
-    return [float(v) for v in np.clip(interval, effect.bounds[0][k], effect.bounds[1][k]) * effect.scale[k]]
-
-
 def _effects(path, fitter, fit, proved):
     """The `effects` of the report."""
     out, at, intervals = [], 0, judge.intervals(fitter, fit)
     end = (len(path.log.x) - 1) * path.dt
     for i, (cause, proof) in enumerate(zip(fit.causes, proved)):
         spec = path.effects[cause.name].parameters
-        limits = {p.name: _limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)}
+        limits = {p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)}
         at += len(spec)
         out.append({
             "name": cause.name, "evidence": proof.worth, "confidence": proof.confidence,
@@ -104,29 +97,13 @@ def _gap(before, after, least, seed):
     return gap | {"heading_rad": {k: v for k, v in heading.items() if k != "ci95"}, "windows": len(before["position"])}
 
 
-def _by_worth(fitter, fit):
-    """(fit, [fit without each cause]), the cause that is worth most first."""
-    rests = judge.dropped(fitter, fit)
-    order = sorted(range(len(rests)), key=lambda i: -rests[i].cost)
-    return fitter.fit_of(fit.causes[i] for i in order), [rests[i] for i in order]
-
-
 def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
     """The Diagnosis of a log (bridge.Log); fresh: another log of the robot, on which nothing is fitted."""
     path = platform.Path(log, without)
     check_effects(without, platform.effects(path.u))
-    search, starts = Search(path), ahead.starts_of(path)
-    whole = search.run()
-    state, small = judge.paying(search, whole, starts)
-    fitter = search.at(state)
-    before, least = ahead.errors(path, (), starts), ahead.floor(path, state.noise.quiet(path), starts)
-    after = ahead.after(fitter, state.fit, starts)
-    left = judge.left(search, state, whole, before, after, starts)
-    fit, rests = _by_worth(fitter, state.fit)
-    proved = judge.proofs(search, fit, rests, left)
-    word = judge.verdict(fit, proved, left)
-    if word == "none":
-        fit, proved, after = fitter.fit_of(()), [], before
+    found = answer(path)
+    search, fitter, fit, proved, left = found.search, found.fitter, found.fit, found.proofs, found.left
+    starts, before, after, least = found.starts, found.before, found.after, found.floor
     hidden = judge.untestable(search, fit)
     pairs = [(cause, rival) for cause, proof in zip(fit.causes, proved) for rival in proof.others]
     advice = advise.advise(platform, path, fitter, pairs, hidden)
@@ -134,10 +111,10 @@ def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
     ranked = judge.ranking(search, fitter.fit_of(()), fit, proved)
     report = {
         "platform": platform.name,
-        "verdict": word,
+        "verdict": found.verdict,
         "effects": effects,
-        "small": [c.name for c in small],
-        "ranking": ([{"name": "measurement_noise", "score": 1.0}] if word == "none" else [])
+        "small": [c.name for c in found.small],
+        "ranking": ([{"name": "measurement_noise", "score": 1.0}] if found.verdict == "none" else [])
         + [{"name": name, "score": float(score)} for name, score in ranked],
         "ambiguous_with": {c.name: list(proof.others) for c, proof in zip(fit.causes, proved) if proof.others},
         "lookalikes": [{"effects": sorted(names), "as": what} for names, what in path.lookalikes.items() if names <= set(fit.names)],
@@ -148,9 +125,9 @@ def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
         "contributions": _contributions(path, fit, proved, starts),
         "unexplained": {
             "unit": left.unit, "gap_m": left.gap, "of_gap_m": left.of, "smallest_that_matters_m": left.smallest, "share": left.share,
-            "matters": bool(left.matters), "depends_on": openset.depends(search, state) if left.matters else [],
+            "matters": bool(left.matters), "depends_on": openset.depends(search, found.state) if left.matters else [],
         },
-        "noise": _noise(path, state.noise),
+        "noise": _noise(path, found.state.noise),
         "integrator": path.variants[path.variant],
         "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt}
         | ({"searched_rows": len(path.rows)} if len(path.rows) < len(log.x) else {}),

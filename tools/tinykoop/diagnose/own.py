@@ -1,15 +1,16 @@
 """The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
+from pathlib import Path as File
 
 import numpy as np
 
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
-from .elsewhere import AT_END
-from .engine import ahead, judge
-from .engine.finder import Finder
-from .engine.problem import Problem
+from . import elsewhere
+from .platforms.own import Path
+from .prediction_errors import ahead, judge, openset
+from .prediction_errors.answer import Answer, answer
+from .prediction_errors.search import Search
 from .report.html import html
 from .report.story import story
 from .report.terminal import show
@@ -26,185 +27,159 @@ class Diagnosis:
     """The report, and what a page may draw."""
 
     report: dict
-    problem: Problem
-    fit: object
-    ahead: ahead.Ahead
-    before: dict
-    after: dict
+    answer: Answer
+
+    @property
+    def path(self):
+        return self.answer.path
 
 
-def _intervals(finder, fit):
-    """95 % intervals (p, 2) in usual sizes."""
-    if not fit.causes:
-        return np.zeros((0, 2))
-    z, t = finder.vector(fit.causes)[0], finder.wald(fit)
-    out = z[:, None] + 1.96 * np.abs(z / np.where(t == 0, 1e-12, t))[:, None] * np.array([-1, 1])
-    at = 0
-    for i, cause in enumerate(fit.causes):
-        spec = finder.problem.effects[cause.name].parameters
-        if finder.problem.effects[cause.name].threshold:
-            out[at] = np.array(finder.interval(fit, i)) / abs(spec[0].usual)
-        at += len(spec)
+def _effects(found):
+    path, out, at = found.path, [], 0
+    limits, end = judge.intervals(found.fitter, found.fit), float(path.t[-1])
+    for i, (cause, proof) in enumerate(zip(found.fit.causes, found.proofs)):
+        effect = path.everything[cause.name]
+        ends = {p.name: judge.limits(found.fitter, found.fit, i, k, at + k, limits[at + k]) for k, p in enumerate(effect.parameters)}
+        at += len(effect.parameters)
+        out.append(_told(effect, cause, end) | {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": ends})
     return out
 
 
-def _effects(finder, fit, proofs, end):
-    out, at, intervals = [], 0, _intervals(finder, fit)
-    for cause, proof in zip(fit.causes, proofs):
-        spec = finder.problem.effects[cause.name].parameters
-        limits = {p.name: [float(np.clip(v * p.usual, p.low, p.high)) for v in intervals[at + k]] for k, p in enumerate(spec)}
-        at += len(spec)
-        out.append({
-            "name": cause.name, "evidence": proof.gain, "confidence": proof.confidence,
-            "params": dict(zip((p.name for p in spec), cause.params)), "params_ci95": limits, "units": {p.name: p.unit for p in spec},
-            "segments": [[0.0, end]], "formula": finder.problem.effects[cause.name].formula, "established": proof.established,
-        })  # fmt: skip
-    return out
-
-
-def _ranking(finder, fit, proofs):
-    whole = max(finder.base.cost - fit.cost, 1e-9)
-    score = {c.name: 1 + p.gain / whole for c, p in zip(fit.causes, proofs)}
-    have = finder.problem.columns([fit.causes, ()]) @ [1.0, -1.0] if fit.causes else finder.base.left
-    best = {}
-    for c in finder.candidates(finder.problem.fit_of(())):
-        if c.name not in score:
-            rival = (c.column @ have) ** 2 / max(c.column @ c.column, 1.0) / max(have @ have, 1e-9)
-            best[c.name] = max(best.get(c.name, 0.0), float(rival) if fit.causes else 0.0)
-    score |= best
-    return [{"name": name, "score": float(s)} for name, s in sorted(score.items(), key=lambda item: -item[1])]
-
-
-def _where(problem, finder, fit):
-    """Shares of the systematic misfit by channel and time, and regions that have more than theirs."""
-    shape = problem.rollouts.measured.shape
-    before, after = (f.left.reshape(shape) ** 2 for f in (finder.base, fit))
-    systematic = before - after if fit.causes else np.maximum(before - 1, 0)
-    by_channel = np.maximum(systematic.sum((0, 1)), 0)
-    per_window = np.maximum(systematic.sum((1, 2)), 0)
-    t = problem.log.t[problem.rollouts.starts] - problem.log.t[0]
-    edges = np.linspace(0, problem.log.t[-1] - problem.log.t[0], BLOCKS + 1)
-    part = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, BLOCKS - 1)
-    by_time = np.bincount(part, per_window, BLOCKS)
+def _told(effect, cause, end):
+    spec = effect.parameters
     return {
-        "channels": {c.name: float(v) for c, v in zip(problem.robot.channels, by_channel / (by_channel.sum() or 1.0))},
+        "name": cause.name, "params": {p.name: float(v) for p, v in zip(spec, cause.params)}, "units": {p.name: p.unit for p in spec},
+        "segments": [[float(max(a, 0.0)), float(min(b, end))] for a, b in cause.segments], "formula": effect.formula,
+    }  # fmt: skip
+
+
+def _where(found):
+    """Shares of the systematic misfit by channel and time, and regions that have more than theirs."""
+    path, fitter = found.path, found.search.without_motion(found.state)
+    shape, robot = path.present.shape, path.robot
+    before, after = (fitter.fit_of(causes).left.reshape(shape) ** 2 for causes in ((), found.fit.causes))
+    found.search.at(found.state)
+    systematic = before - after if found.fit.causes else np.maximum(before - 1, 0)
+    by_channel, by_row = np.maximum(systematic.sum(0), 0), np.maximum(systematic.sum(1), 0)
+    edges = np.linspace(0, path.t[-1], BLOCKS + 1)
+    part = np.clip(np.searchsorted(edges, path.t, side="right") - 1, 0, BLOCKS - 1)
+    by_time = np.bincount(part, by_row, BLOCKS)
+    return {
+        "channels": {c.name: float(v) for c, v in zip(robot.channels, by_channel / (by_channel.sum() or 1.0))},
         "segments": [[float(a), float(b), float(s)] for a, b, s in zip(edges, edges[1:], by_time / (by_time.sum() or 1.0))],
-        "regions": _regions(problem, per_window),
+        "regions": _regions(path, by_row),
     }
 
 
-def _regions(problem, size):
-    found, mean = [], size.mean() or 1.0
-    signals = [(s, problem.X[..., i]) for i, s in enumerate(problem.robot.states)]
-    signals += [(s, problem.log.u[problem.rollouts.index][..., j]) for j, s in enumerate(problem.robot.commands)]
+def _regions(path, size):
+    regions, mean = [], size.mean() or 1.0
+    signals = [*zip(path.robot.states, path.X.T), *zip(path.robot.commands, path.log.u.T)]
     for signal, values in signals:
-        typical = np.abs(values).mean(1)
+        typical = np.abs(values)
         edges = np.unique(np.quantile(typical, np.linspace(0, 1, BINS + 1)))
         for low, high in zip(edges, edges[1:]):
             inside = (typical >= low) & (typical <= high)
-            if inside.sum() >= 4 and size[inside].mean() > SHOWN * mean:
-                found.append(
-                    {
-                        "variable": f"size of {signal.name}",
-                        "unit": signal.unit,
-                        "from": float(low),
-                        "to": float(high),
-                        "times_average": float(size[inside].mean() / mean),
-                    }
-                )
-    return sorted(found, key=lambda r: -r["times_average"])[:5]
+            if inside.mean() > 0.02 and size[inside].mean() > SHOWN * mean:
+                about = {"variable": f"size of {signal.name}", "unit": signal.unit, "from": float(low), "to": float(high)}
+                regions.append(about | {"times_average": float(size[inside].mean() / mean)})
+    return sorted(regions, key=lambda r: -r["times_average"])[:5]
 
 
-def _hidden(problem, finder, fit):
-    """Effects of usual size that this log would not show."""
-    strongest = {}
-    for c in finder.candidates(fit):
-        strongest[c.name] = max(strongest.get(c.name, 0.0), float(np.linalg.norm(c.column)))
-    return [name for name, size in strongest.items() if size < np.sqrt(finder.price)]
+def _noise(path, noise):
+    """The `noise` of the report."""
+    sensor = {
+        c.name: {"sd": float(sd), "unit": c.unit, "correlation": float(rho)}
+        for c, sd, rho in zip(path.robot.channels, noise.sensor, noise.sensor_rho)
+    }
+    process = {
+        path.channels[i]: {"sd": float(sd), "unit": f"{path.robot.states[i].unit}/s", "share": float(sd / usual)}
+        for i, sd, usual in zip(path.pushed, noise.process, path.usual)
+    }
+    outliers = ((path.present > 1) & np.isfinite(path.present)).any(1).sum()
+    return {"sensor": sensor, "process": process, "outliers": int(outliers)}
+
+
+def _gaps(path, before, after, floor, seed=0):
+    """{gap: what the report says of it}; horizons that no row reaches are left out."""
+    out = {}
+    for name, (unit, _) in path.gaps.items():
+        gap = ahead.summary(before[name], after[name], floor[name], seed)
+        seen = [h for h, value in gap["before"].items() if np.isfinite(value)]
+        out[name] = {part: {h: values[h] for h in seen} for part, values in gap.items()} | {"unit": unit}
+    return out
 
 
 def _healthy(logs, robot):
     """Causes that explain logs of the healthy robot, whichever they are."""
     if not logs:
         return ()
-    return Finder(_problem(robot, joined(logs), logs)).run().causes
+    for log in logs:
+        check.refuse(check.mistaken(robot, log), log, robot)
+    search = Search(Path(robot, joined(logs)))
+    return search.run().causes
 
 
-def _problem(robot, log, parts, **options):
-    """The Problem of a log, which is made of parts that can be what they say."""
-    for part in parts:
-        check.refuse(check.mistaken(robot, part), part, robot)
-    problem = Problem.of(robot, log, **options)
-    check.refuse(check.along(problem), log, robot)
-    return problem
+def _checked(robot, log, **options):
+    """The Path of a log that can be what it says."""
+    check.refuse(check.mistaken(robot, log), log, robot)
+    path = Path(robot, log, **options)
+    check.refuse(check.along(path), log, robot)
+    return path
 
 
 def diagnose(log, robot, fresh=None, without=(), healthy=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
     before = _healthy(healthy, robot)
-    problem = _problem(robot, log, [log], without=without, before=before)
-    check_effects(without, problem.everything)
-    finder = Finder(problem)
-    fit, proofs, left = judge.judge(finder, finder.run())
-    order = sorted(range(len(proofs)), key=lambda i: -proofs[i].gain)
-    fit, proofs = finder.centred(problem.fit_of([fit.causes[i] for i in order])), [proofs[i] for i in order]
-    looked = ahead.Ahead(problem)
-    errors, after, floor = looked.errors(()), looked.held_out(finder, fit), looked.floor()
-    gaps = {g.name: ahead.summary(errors[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
-    named = _effects(finder, fit, proofs, float(log.t[-1] - log.t[0]))
-    small = [e for e, c in zip(named, fit.causes) if judge.is_small(finder, c)]
-    effects = [e for e in named if e not in small]
-    word = judge.verdict([p for p, e in zip(proofs, named) if e not in small], left)
+    path = _checked(robot, log, without=without, before=before)
+    check_effects(without, path.everything)
+    found = answer(path)
+    effects, left, end = _effects(found), found.left, float(path.t[-1])
+    gaps = _gaps(path, found.before, found.after, found.floor)
     report = {
         "platform": robot.name,
-        "verdict": word,
-        "effects": [] if word in ("none", "unknown") else effects,
-        "best_fit": effects if word == "unknown" else [],
-        "small": small,
+        "verdict": found.verdict,
+        "effects": effects if found.verdict != "unknown" else [],
+        "best_fit": effects if found.verdict == "unknown" else [],
+        "small": [_told(path.everything[c.name], c, end) for c in found.small],
         "healthy": {"logs": len(healthy), "effects": [{"name": c.name, "params": list(c.params)} for c in before]},
-        "ranking": _ranking(finder, fit, proofs),
-        "ambiguous_with": {c.name: list(p.others) for c, p in zip(fit.causes, proofs) if p.others},
+        "ranking": [{"name": n, "score": float(s)} for n, s in judge.ranking(found.search, found.fitter.fit_of(()), found.fit, found.proofs)],
+        "ambiguous_with": {c.name: list(p.others) for c, p in zip(found.fit.causes, found.proofs) if p.others},
         "suggested_excitation": "",
-        "where": _where(problem, finder, fit),
+        "where": _where(found),
         "gap": next(iter(gaps.values())),
         "gaps": gaps,
-        "not_testable": _hidden(problem, finder, fit),
+        "not_testable": judge.untestable(found.search, found.fit),
         "unexplained": {
-            "share": left.share,
-            "times_noise": left.times,
-            "matters": left.matters,
-            "depends_on": [{"on": a, "acts_on": b} for a, b in left.on if left.matters],
+            "share": left.share, "gap": left.gap, "of_gap": left.of, "unit": left.unit, "matters": bool(left.matters),
+            "depends_on": openset.depends(found.search, found.state) if left.matters else [],
         },
-        "noise": {"sensor": {c.name: {"sd": float(s), "unit": c.unit} for c, s in zip(robot.channels, problem.sigma)}},
-        "time_step": {"matters": bool(problem.finer), "share": problem.finer},
-        "window": {"rows": problem.rollouts.rows, "seconds": problem.rollouts.rows * log.dt},
+        "noise": _noise(path, found.state.noise),
+        "time_step": {"matters": bool(path.variant), "share": path.share},
         "passes": round(log.passes),
-        "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": float(log.t[-1] - log.t[0])},
+        "log": {"rows": len(log.t), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": end},
     }  # fmt: skip
     if hasattr(robot.simulator, "surrogate"):
         report["surrogate"] = robot.simulator.surrogate
-    result = Diagnosis(report, problem, fit, looked, errors, after)
+    result = Diagnosis(report, found)
     if fresh is not None:
-        _add_fresh(result, robot, fresh, fit)
+        _add_fresh(result, robot, fresh)
     return result
 
 
-def _as_fast(causes, effects, ratio):
-    """Causes on a log that lasts `ratio` times as long: what is lost by the end is lost at the same rate."""
-    scaled = lambda c: tuple(v * ratio if p.name == AT_END else v for v, p in zip(c.params, effects[c.name].parameters))  # noqa: E731
-    return tuple(replace(c, params=scaled(c)) for c in causes)
-
-
-def _add_fresh(result, robot, fresh, fit):
-    """The same causes on another log: only its starts are looked for there."""
-    other = Problem.of(robot, fresh, before=result.problem.before)
-    other.sigma = result.problem.sigma
-    causes = _as_fast(fit.causes, other.everything, np.ptp(fresh.t) / np.ptp(result.problem.log.t))
-    other.linearise(causes)
-    looked = ahead.Ahead(other)
-    before, after, floor = looked.errors(()), looked.errors(causes), looked.floor()
-    gaps = {g.name: ahead.summary(before[g.name], after[g.name], floor[g.name], looked.horizons) | {"unit": g.unit} for g in robot.gaps}
-    result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps}
+def _add_fresh(result, robot, fresh):
+    """The same causes on another log: only its noise is looked for there, and whether that acts which came or went."""
+    path = Path(robot, fresh, before=result.path.before)
+    path.step_by(result.path.variant)
+    search, parameters = Search(path), {name: effect.parameters for name, effect in path.everything.items()}
+    logs = (result.path.log, fresh)
+    carried = elsewhere.carry(result.answer.fit.causes, parameters, logs, lambda causes: search.fitter.fit_of(causes).cost)
+    causes = elsewhere.acting(carried)
+    path.about(causes)
+    state = search.referred(search.likeliest(search.fitter.fit_of(causes)))
+    starts = ahead.starts_of(path)
+    errors = [ahead.errors(path, some, starts) for some in ((), causes)]
+    gaps = _gaps(path, *errors, ahead.floor(path, state.noise.quiet(path), starts))
+    result.report["fresh"] = {"gap": next(iter(gaps.values())), "gaps": gaps, "effects": elsewhere.told(carried, parameters)}
 
 
 def run(path, robot_file, out, fresh=None, without=(), healthy=(), sim=None):
@@ -214,7 +189,7 @@ def run(path, robot_file, out, fresh=None, without=(), healthy=(), sim=None):
     """
     robot, log = toml.read_both(robot_file, path, sim)
     fresh_log, *healthy_logs = (read(file, robot) if file else None for file in (fresh, *healthy))
-    with busy(f"diagnosing {Path(path).name}"):
+    with busy(f"diagnosing {File(path).name}"):
         result = diagnose(log, robot, fresh_log, without, healthy_logs)
         out = output_folder(out)
     result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}

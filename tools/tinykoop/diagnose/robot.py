@@ -11,6 +11,10 @@ import numpy as np
 from ..plumbing.errors import UserError
 
 
+class RunsAway(UserError):
+    """A simulator does not stay near the log, or cannot take a step at all."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of an effect: refused outside low..high; `usual` is that of a robot that has the effect."""
@@ -51,7 +55,8 @@ class Simulator(Protocol):
     """The user's model: any number of rows at once, each from any state.
 
     One that takes steps of its own within a row may have finer(times): the same with steps so much shorter. One that forces can act
-    on has `velocities`, the indices of states that they accelerate, and a last argument of step: what is added to rates (B, n), or None.
+    on has `velocities`, the indices of states that they accelerate, `moved`, of those that each of these moves, and a last argument of
+    step: what is added to rates (B, n), or None.
     """
 
     def step(self, x, u, dt, params):

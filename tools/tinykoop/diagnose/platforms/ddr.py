@@ -23,6 +23,7 @@ MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
 STEADY = 0.02  # share that commands of one kind vary by
+STARTS = 400  # of predictions
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
 
@@ -87,6 +88,7 @@ class Path:
     finest = FINEST
     C = np.eye(3)
     lookalikes = LOOKALIKES
+    tiny = 0.0  # of its usual size: no effect is too small for that alone
     command_names = ("v", "omega")
     variants = tuple(title for title, _ in VARIANTS)
 
@@ -98,6 +100,7 @@ class Path:
         self.t = self.rows * log.dt
         usable = np.append(log.usable, False)[self.rows]
         self.begins = np.concatenate([[True], (np.diff(self.rows) != 1) | ~usable[:-1]]).astype(np.int32)
+        self.breaks = self.begins != 0
         good = self.begins[1:] == 0
         self.whole = good[:-2] & good[1:-1] & good[2:]
         x = log.x[self.rows]
@@ -111,9 +114,9 @@ class Path:
         self.steady = bool(np.all(np.std(self.u, axis=0) <= STEADY * (np.abs(self.u).max(0) + 1e-9)))
         self.usual = np.maximum([v, v, w], LEAST)
         self.spread = np.ones(3)
-        self.follow(self.measured)
+        self._follow(self.measured)
 
-    def follow(self, X):
+    def _follow(self, X):
         """Takes X (K, 3) as the reference path."""
         K = len(X)
         self.X = X
@@ -151,8 +154,39 @@ class Path:
         return (self._to_axes @ d[..., None])[..., 0]
 
     def steps(self, trials):
-        """What one step of the simulator with each trial's causes ends beside the path, (K, 3, trials)."""
-        return np.stack([self._beside(causes) for causes in trials], -1)
+        """What one step with each trial's causes ends beside the path (K, 3, trials), and by how much it misses poses (K, 3, trials)."""
+        return np.stack([self._beside(causes) for causes in trials], -1), np.repeat(self.E[..., None], len(trials), -1)
+
+    def about(self, causes):
+        """steps() is exact everywhere."""
+        return False
+
+    spent = False  # whether the simulator was asked so much that no further cause is looked for
+
+    def bends(self, causes):
+        """Steps end where they end, whatever a sensor shows."""
+        return False
+
+    def refer(self, causes, noise):
+        """The path is what was measured, whatever the causes."""
+        return False
+
+    def pass_over(self, good):
+        """Takes as the path what was measured in the rows that are good (K,), and lines between them."""
+        rows = np.arange(len(good))
+        self._follow(np.stack([np.where(good, x, np.interp(rows, rows[good], x[good])) for x in self.X.T], 1))
+
+    def tell_hidden(self, noise):
+        """Nothing is hidden."""
+
+    def unsure(self, noise):
+        """Covariances (K, 3, 3) of states that nothing measures: there are none."""
+        return np.zeros_like(self.A)
+
+    @staticmethod
+    def most_starts(horizon):
+        """Of predictions so many rows ahead."""
+        return STARTS
 
     def _beside(self, causes):
         active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
@@ -185,6 +219,11 @@ class Path:
         return max(SMALLEST * turn, SMALLEST_NOISE * noise.sensor[2], SMALLEST_TURN)
 
     gaps = {"position": ("m", (0, 1)), "heading": ("rad", (2,))}
+
+    @staticmethod
+    def preference(name):
+        """Of the names that one effect may have, none is preferred."""
+        return 0
 
     dependence = staticmethod(features.dependence)
 

@@ -5,7 +5,6 @@ import numpy as np
 from .noise import CORRELATED, WHITE
 
 HORIZONS = (1, 10, 50)
-STARTS = 400
 FOLDS, BLOCK = 4, 4.0  # of the log, in blocks of so many seconds
 DRAWS = 400
 FAR = 100.0  # times the variance, that an outlier counts for: what is farther off is not noise
@@ -14,11 +13,11 @@ SHOWS = 0.15  # of the noise, that a gap must stand out by to have a percentage
 
 def starts_of(path):
     """Rows from which the longest horizon can be predicted, or the longest that the log allows."""
-    K = len(path.begins)
-    ends = np.append(np.where(path.begins[1:] != 0, np.arange(K - 1), K - 1), K - 1)
+    K = len(path.breaks)
+    ends = np.append(np.where(path.breaks[1:], np.arange(K - 1), K - 1), K - 1)
     run = np.minimum.accumulate(ends[::-1])[::-1] - np.arange(K)
     rows = np.flatnonzero((run >= min(HORIZONS[-1], run.max())) & (np.arange(K) >= path.settled))
-    return rows[:: max(1, len(rows) // STARTS)]
+    return rows[:: max(1, len(rows) // path.most_starts(HORIZONS[-1]))]
 
 
 def floor(path, noise, starts):
@@ -28,10 +27,9 @@ def floor(path, noise, starts):
     outliers = np.where(shown, np.minimum(path.present, FAR), 0).sum(0) / np.maximum(shown.sum(0), 1)
     tint = np.where(coloured, noise.sensor**2, 0.0)
     white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
-    seen = np.abs(path.C).sum(0) > 0
     P = np.zeros((len(starts), n + r + c, n + r + c))
     back = np.linalg.pinv(path.C)
-    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + np.diag(np.where(seen, 0.0, path.spread**2))
+    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + path.unsure(noise)[starts]
     P[:, n : n + r, n : n + r] = np.eye(r)
     P[:, n + r :, n + r :] = np.diag(tint)
     P[:, :n, n + r :] = -back @ np.diag(tint)
@@ -59,7 +57,7 @@ def held_out(fitter, fit):
     """Causes (FOLDS) with sizes from the other folds: one Gauss-Newton step from the whole, where it helps."""
     if not fit.causes:
         return [()] * FOLDS
-    J, c = fitter.jacobian(fit), fitter.path.E.shape[1]
+    J, c = fitter.jacobian(fit), fitter.path.present.shape[1]
     z = fitter.vector(fit.causes)[0]
     fold, out = np.repeat(_folds(fitter.path), c), []
     for f in range(FOLDS):
@@ -85,8 +83,13 @@ def errors(path, causes, starts):
 def after(fitter, fit, starts):
     """{gap: errors (S, H)}, each prediction with the sizes of the other folds."""
     path, fold = fitter.path, _folds(fitter.path)[starts]
-    parts = [errors(path, causes, starts) for causes in held_out(fitter, fit)]
-    return {gap: np.stack([part[gap] for part in parts])[fold, np.arange(len(starts))] for gap in path.gaps}
+    if not fit.causes:
+        return errors(path, (), starts)
+    out = {gap: np.full((len(starts), len(HORIZONS)), np.nan) for gap in path.gaps}
+    for f, causes in enumerate(held_out(fitter, fit)):
+        for gap, values in errors(path, causes, starts[fold == f]).items():
+            out[gap][fold == f] = values
+    return out
 
 
 def moved(path, causes, others, starts):

@@ -25,7 +25,7 @@ class _Beside:
         return columns - self._basis @ (self._basis.T @ columns)
 
     def columns(self, pushes):
-        return self._free(self.fitter.whiten(pushes))
+        return self._free(self.fitter.whiten(*pushes))
 
 
 def _sized(cause, effect, params, share=1.0):
@@ -41,12 +41,12 @@ def _linear(effect, causes, columns, left):
     return float(gain), _sized(causes[0], effect, np.array([c.params for c in causes]).T @ weights, LIMIT)
 
 
-def _best_start(causes, columns, left):
+def _best_start(effect, causes, columns, left):
     """(gain, Cause) at the best of the sizes tried; what a size between would gain counts in part."""
     size = np.linalg.norm(columns, axis=0)
     gain = left @ left - ((left[:, None] + columns) ** 2).sum(0)
     along = -(left @ columns) / np.maximum(size, 1e-9)
-    promise = np.where(size > SHOWS, np.maximum(gain, np.where(along > 0, ALONG * along**2, 0)), 0)
+    promise = np.where(size > SHOWS, np.maximum(gain, np.where(effect.steady & (along > 0), ALONG * along**2, 0)), 0)
     i = int(promise.argmax())
     return float(promise[i]), causes[i]
 
@@ -58,13 +58,13 @@ def _whole(beside, effects, segments):
     if not trials:
         return []
     path = beside.fitter.path
-    columns = beside.columns(path.steps([(*fit.causes, c) for c in trials]) - path.steps([fit.causes]))
+    columns = beside.columns(spans.beside(path, fit.causes, [(*fit.causes, c) for c in trials]))
     for name in dict.fromkeys(c.name for c in trials):
         mine = [i for i, c in enumerate(trials) if c.name == name]
         causes, some = [trials[i] for i in mine], columns[:, mine]
         if (np.linalg.norm(some, axis=0) > SHOWS).any():
-            linear = effects[name].linear
-            found.append(_linear(effects[name], causes, some, beside.left) if linear else _best_start(causes, some, beside.left))
+            best = _linear if effects[name].linear else _best_start
+            found.append(best(effects[name], causes, some, beside.left))
     return [(gain, cause) for gain, cause in found if gain > 0]
 
 

@@ -26,6 +26,7 @@ class Effect:
     linear: bool = False
     threshold: bool = False  # no slope tells its size
     curve: bool = False  # a log seldom settles its parameters one by one
+    steady: bool = True  # half of it does about half of what it does
 
     @property
     def scale(self):
@@ -98,13 +99,11 @@ class Fitter:
 
     def lefts(self, trials):
         """Whitened residuals (n, trials)."""
-        D = self.path.steps(trials)
-        E = np.broadcast_to(self.path.E[..., None], (*self.path.E.shape, len(trials)))
-        return noises.whitened(self.path, self.noise, D, E)[0].reshape(-1, len(trials))
+        return self.whiten(*self.path.steps(trials))
 
-    def whiten(self, D):
-        """What pushes D (K, n, q) make of the residual (n, q)."""
-        return noises.whitened(self.path, self.noise, D, np.zeros((*self.path.E.shape, D.shape[-1])))[0].reshape(-1, D.shape[-1])
+    def whiten(self, D, E):
+        """What steps that end D (K, n, q) beside the path, and readings missed by E (K, c, q), make of the residual (n, q)."""
+        return noises.whitened(self.path, self.noise, D, E)[0].reshape(-1, D.shape[-1])
 
     def fit_of(self, causes):
         causes = tuple(causes)

@@ -10,6 +10,7 @@ from .fit import Cause, Fit
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
 BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
+SAME = 6.0  # squares, by which two explanations may differ and be one
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 DOUBT = 0.8  # of a confidence stays where something is left
@@ -28,6 +29,7 @@ class Proof:
     others: tuple
     rest: Fit
     absorbed: dict
+    any_name: float  # how sure it is that it is this cause or one of the others
 
 
 @dataclass(frozen=True)
@@ -79,21 +81,41 @@ def _pair(search, fit, rivals, name):
     return [c.name for c in both.causes[-2:]] if both.cost - fit.cost < search.price else []
 
 
-def proofs(search, fit, rests, left):
-    """[Proof] of each cause of a fit."""
+def all_rivals(search, fit, rests):
+    """[fits with another effect in the place] of each cause."""
+    return [_rivals(search, fit, rest, i) for i, rest in enumerate(rests)]
+
+
+def preferred(search, state, fit, every):
+    """The fit with the preferred name of each cause, of those that do the same; every: all_rivals()."""
+    prefer = search.path.preference
+    for cause, rivals in zip(fit.causes, every):
+        close = [r for r in rivals if r.cost < fit.cost + search.price and prefer(r.causes[-1].name) < prefer(cause.name)]
+        for rival in sorted(close, key=lambda r: prefer(r.causes[-1].name)):
+            search.at(state)
+            exact = search.exact(rival)
+            if exact.cost < fit.cost + SAME:
+                return exact
+    search.at(state)
+    return fit
+
+
+def proofs(search, fit, rests, every, left):
+    """[Proof] of each cause of a fit; every: all_rivals()."""
     out = []
-    for i, rest in enumerate(rests):
+    for i, (rest, rivals) in enumerate(zip(rests, every)):
         worth = max(rest.cost - fit.cost, 0.0)
-        rivals = _rivals(search, fit, rest, i)
         absorbed = {r.causes[-1].name: float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
         behind = {r.causes[-1].name: r.cost - fit.cost for r in rivals}
         others = [n for n, d in behind.items() if d < search.price and absorbed[n] > 0.5]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
         heat = 2.0 * (1 + 50 * left.share)
-        odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in [*behind.values(), worth])
+        odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in [*(d for n, d in behind.items() if n not in others), worth])
+        same = sum(np.exp(-min(max(behind.get(n, 0), 0) / heat, 700)) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
         sure = (1 - left.share) / (1 + odds) * (DOUBT if left.shows or alike else 1.0)
-        out.append(Proof(float(worth), float(min(sure, UNSURE if search.path.steady else 1.0)), tuple(others), rest, absorbed))
+        sure = min(sure, UNSURE if search.path.steady else 1.0)
+        out.append(Proof(float(worth), float(sure / (1 + same)), tuple(others), rest, absorbed, float(sure)))
     return out
 
 
@@ -106,7 +128,7 @@ def left(search, state, whole, before, after, starts):
     path, noise = search.path, min(state.noise, whole.noise, key=lambda n: float((n.process / search.path.usual).sum()))
     found = [_left_in(path, noise, before[gap], after[gap], starts, gap) for gap in path.gaps]
     found = next((one for one in found if one.of >= one.smallest), found[0])
-    return replace(found, white=_white(state.fit.left.reshape(path.E.shape)))
+    return replace(found, white=_white(state.fit.left.reshape(path.present.shape)))
 
 
 def _white(left):
@@ -131,7 +153,7 @@ def verdict(fit, proved, left):
     """The word of the contract."""
     if left.matters:
         return "unknown"
-    return "known" if fit.causes and max(p.confidence for p in proved) >= BELIEVED else "none"
+    return "known" if fit.causes and max(p.any_name for p in proved) >= BELIEVED else "none"
 
 
 def threshold_interval(fitter, fit, index, price=3.84):
@@ -162,6 +184,11 @@ def _closes(path, noise, then, now, least, moved):
     return float(max(shares))
 
 
+def _is_tiny(path, cause):
+    """Whether all parameters of a cause are a small part of their usual sizes."""
+    return all(abs(v) < path.tiny * abs(p.usual) for v, p in zip(cause.params, path.effects[cause.name].parameters))
+
+
 def paying(search, state, starts):
     """(the state without causes that do not pay on rows that they were not fitted on, these)."""
     path, small = search.path, []
@@ -172,6 +199,7 @@ def paying(search, state, starts):
             _closes(path, state.noise, ahead.after(fitter, rest, starts), now, least, ahead.moved(path, state.causes, rest.causes, starts))
             for rest in rests
         ]
+        shares = [0.0 if _is_tiny(path, cause) else share for cause, share in zip(state.causes, shares)]
         i = int(np.argmin(shares))
         if shares[i] > PAYS:
             break
@@ -185,7 +213,7 @@ def intervals(fitter, fit):
     if not fit.causes:
         return np.zeros((0, 2))
     J = fitter.jacobian(fit)
-    rows = SPREAD * fitter.path.E.shape[1]
+    rows = SPREAD * fitter.path.present.shape[1]
     scores = np.add.reduceat(J * fit.left[:, None], np.arange(0, len(J), rows), axis=0)
     known, spread = (J**2).sum(0) > 1e-6, np.full(J.shape[1], np.nan)
     if known.any():
@@ -193,6 +221,14 @@ def intervals(fitter, fit):
         meat = scores[:, known].T @ scores[:, known]
         spread[known] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), np.diag(inverse)))
     return fitter.vector(fit.causes)[0][:, None] + 1.96 * spread[:, None] * np.array([-1, 1])
+
+
+def limits(fitter, fit, i, k, at, interval):
+    """95 % interval of parameter k of cause i, number `at` of all, in its unit."""
+    effect = fitter.effects[fit.causes[i].name]
+    if effect.threshold or not np.isfinite(interval).all():
+        interval = threshold_interval(fitter, fit, at)
+    return [float(v) for v in np.clip(interval, effect.bounds[0][k], effect.bounds[1][k]) * effect.scale[k]]
 
 
 def untestable(search, fit):

@@ -14,6 +14,7 @@ SHARES = (0.0, 0.01, 0.03, 0.1)  # of the usual speed, that random motion may be
 WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter well conditioned
 SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
+COARSEST = 2e7  # times the finest noise of a sensor, that it may have
 ROUNDS, TOLERANCE, STEP = 15, 1e-7, 1e-4  # of the search; relative; by which slopes are taken
 
 
@@ -31,10 +32,14 @@ class Noise:
         return replace(self, process=QUIET * path.usual)
 
 
+def white(measured, whole):
+    """Standard deviations (c,) of channels (K, c), from third differences, which a smooth motion does not reach. whole: (K - 3,)."""
+    return 1.4826 * np.median(np.abs(np.diff(measured, 3, axis=0)[whole]), axis=0) / np.sqrt(20)
+
+
 def first(path):
-    """White, from third differences, which a smooth motion does not reach."""
-    d = np.diff(path.measured, 3, axis=0)[path.whole]
-    sd = 1.4826 * np.median(np.abs(d), axis=0) / np.sqrt(20)
+    """White, without random motion."""
+    sd = white(path.measured, path.whole)
     sensor = np.array([np.sqrt(np.mean(sd[path.alike == g] ** 2)) for g in path.alike])
     r = len(path.usual)
     return Noise(np.maximum(sensor, path.finest), np.zeros(len(sensor)), QUIET * path.usual, np.full(r, np.exp(-path.dt / 0.3)))
@@ -70,7 +75,8 @@ class _Vector:
         self.groups = np.unique(path.alike)
         g, r = len(self.groups), len(path.usual)
         self.cuts = np.cumsum([g, r, 1])
-        self.bounds = [*([(np.log(path.finest.min()), 3.0)] * g), *([(np.log(QUIET), np.log(2.0))] * r)]
+        finest = [path.finest[path.alike == group].min() for group in self.groups]
+        self.bounds = [*((np.log(f), np.log(COARSEST * f)) for f in finest), *([(np.log(QUIET), np.log(2.0))] * r)]
         self.bounds += [(np.log(path.dt / 2), np.log(max(LASTS, 2 * path.dt))), *([(0.0, 0.97)] * g * coloured)]
 
     def of(self, noise):

@@ -25,7 +25,7 @@ def depends(search, state):
     path, fitter = search.path, search.without_motion(state)
     fit = fitter.fit_of(state.fit.causes)
     names, pushes = path.generic()
-    columns = fitter.whiten(pushes)
+    columns = fitter.whiten(pushes, np.zeros((*path.present.shape, pushes.shape[-1])))
     size = np.linalg.norm(columns, axis=0)
     keep = np.flatnonzero(size > SHOWS)
     columns = columns[:, keep] / size[keep]

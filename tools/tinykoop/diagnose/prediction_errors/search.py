@@ -10,25 +10,35 @@ TRIED, CLOSE = 2, 0.6  # of these, for which noise is estimated anew; of the bes
 TURNS = 3  # of more causes and simpler ones
 
 
+def _first(found, count):
+    """The first of so many effects."""
+    seen = {}
+    for promise, cause in found:
+        seen.setdefault(cause.name, (promise, cause))
+    return list(seen.values())[:count]
+
+
 class Search(States):
     def run(self):
         """The State that is worth most; `base` is that without causes."""
-        state = self.base = self.with_coloured_noise(self.robust(self.likeliest(self.fitter.fit_of(()))))
+        state = self.likeliest(self.fitter.fit_of(()))
+        state = self.base = self.with_coloured_noise(self.robust(self.referred(state)))
+        state = simpler.stepped(self, state)
         for _ in range(TURNS):
             wide = state = self.forward(state)
             for simpler_ in (simpler.begun_anew, simpler.opened, simpler.simplified, simpler.discretised):
                 state = simpler_(self, state)
-            if state is wide or len(state.causes) == MOST:
+            if state is wide or len(state.causes) == MOST or self.path.spent:
                 break
         return self.with_coloured_noise(self.robust(state))
 
     def forward(self, state):
         """Causes taken in one by one."""
-        while len(state.causes) < MOST:
+        while len(state.causes) < MOST and not self.path.spent:
             better = self.widened(state)
             if better is None or self.worth(better) > self.worth(state) - MARGIN:
                 break
-            state = simpler.reduced(self, simpler.stepped(self, self.timed(better)))
+            state = self.referred(simpler.reduced(self, simpler.stepped(self, self.timed(better))))
         return state
 
     def candidates(self, fit):
@@ -36,13 +46,15 @@ class Search(States):
         return candidates(self.fitter, fit, margin=MARGIN)
 
     def widened(self, state):
-        """The best state with one cause more."""
-        likely = {}
-        for fitter, count in ((self.at, LIKELY), (self.without_motion, HIDDEN)):
-            for _, cause in self.candidates(fitter(state).fit_of(state.causes))[:count]:
-                likely.setdefault((cause.name, cause.segments), cause)
-        fits = sorted((self.refined(state, (*state.causes, c), 5) for c in likely.values()), key=self.priced)
+        """The best state with one cause more: of those likely by the noise as it is, and the likeliest if that hid it."""
+        found, hidden = (
+            [cause for _, cause in _first(self.candidates(fitter(state).fit_of(state.causes)), count)]
+            for fitter, count in ((self.at, LIKELY), (self.without_motion, HIDDEN))
+        )
+        refined = {cause: self.refined(state, (*state.causes, cause), 5) for cause in dict.fromkeys((*found, *hidden))}
+        fits = sorted(refined.values(), key=self.priced)
         close = [f for f in fits[:TRIED] if state.fit.cost - f.cost >= CLOSE * (state.fit.cost - fits[0].cost)]
+        close += [refined[cause] for cause in hidden[:1] if not any(refined[cause] is f for f in close)]
         return min((self.settled(state, fit) for fit in close), key=self.worth, default=None)
 
     def timed(self, state):

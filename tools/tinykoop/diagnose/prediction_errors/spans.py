@@ -35,6 +35,11 @@ def masked(push, edges):
     return out
 
 
+def beside(path, causes, trials):
+    """What trials change of steps and readings with causes: (K, n, trials), (K, c, trials)."""
+    return tuple(trial - base for trial, base in zip(path.steps(trials), path.steps([causes])))
+
+
 def best_stretch(columns, left, edges, free=True):
     """(gain, (first, last) part, scale) of the run of columns (n, B) that takes most of `left`; free: at any positive scale."""
     gram, slope = columns.T @ columns, -(columns.T @ left)
@@ -57,17 +62,17 @@ def seconds(span, edges, path):
     return _span(edges[span[0]], edges[span[1]], path)
 
 
-def parts(path, beside, cause, edges):
-    """What a cause pushes in each part by itself (K, n, B), beside others.
+def parts(path, others, cause, edges):
+    """What a cause changes in each part by itself, (K, n, B) and (K, c, B), beside others.
 
     A sensor's effect jumps where it comes and goes, so it is asked part by part; the others act row by row.
     """
     if path.effects[cause.name].block == "sensor":
         times = np.append(path.t, np.inf)[edges]
         some = [replace(cause, segments=((a, b),)) for a, b in zip(times, times[1:])]
-        return path.steps([(*beside, c) for c in some]) - path.steps([beside])
-    along = (*beside, replace(cause, segments=ALWAYS))
-    return masked((path.steps([along]) - path.steps([beside]))[..., 0], edges)
+        return beside(path, others, [(*others, c) for c in some])
+    along = (*others, replace(cause, segments=ALWAYS))
+    return tuple(masked(change[..., 0], edges) for change in beside(path, others, [along]))
 
 
 def _acts(cause, path):
@@ -82,7 +87,7 @@ def _changes(fitter, fit, i, edges):
     rest = fit.causes[:i] + fit.causes[i + 1 :]
     acts = _acts(cause, path)
     signs = np.where(acts[np.minimum((edges[:-1] + edges[1:]) // 2, len(acts) - 1)], -1.0, 1.0)
-    return fitter.whiten(parts(path, rest, cause, edges)) * signs
+    return fitter.whiten(*parts(path, rest, cause, edges)) * signs
 
 
 def _with(fit, i, acts, path):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from ..robot import RunsAway
 from . import noise as noises
 from . import spans
 from .fit import Fit, Fitter
@@ -13,6 +14,7 @@ OUTLIERS, OUT, USUAL, AROUND = 3, 4.0, 1.5, 11  # turns; standard deviations tha
 MOVES = 5.0  # times what counts as none, from which on random motion may hide that a cause explains all
 STILL = 10.0  # times the degrees of freedom, that squares may be for that to be worth a try
 FAR = 5.0  # prices, by which a simpler set may be behind before noise is estimated for it
+EXACT, TRIFLE = 4, 0.5  # turns of steps that are exact; squares, by which they may have been off before
 MARGIN = 4.0  # of -2 log likelihood
 LOUDER = 3.0  # times what third differences show, that the sensor's noise may be
 
@@ -29,12 +31,6 @@ class State:
     @property
     def causes(self):
         return self.fit.causes
-
-
-def _between(X, good):
-    """X (K, n) with rows that are not good in a line between those about them."""
-    rows = np.arange(len(X))
-    return np.stack([np.where(good, x, np.interp(rows, rows[good], x[good])) for x in X.T], 1)
 
 
 class States:
@@ -60,6 +56,7 @@ class States:
         """The fitter with the noise of a state."""
         self.fitter.noise = state.noise
         self.path.step_by(state.variant)
+        self.path.about(state.causes)
         return self.fitter
 
     def without_motion(self, state):
@@ -70,6 +67,11 @@ class States:
     def refined(self, state, causes, steps=8):
         """The Fit of causes, from their sizes, under the noise of a state."""
         fitter = self.at(state)
+        if self.path.bends(causes):
+            try:
+                self.path.about(causes)
+            except RunsAway:
+                return Fit(tuple(causes), np.inf, state.fit.left)
         return fitter.refine(fitter.fit_of(causes), steps)
 
     def priced(self, fit):
@@ -82,7 +84,7 @@ class States:
 
     def likeliest(self, fit, rounds=noises.ROUNDS, coloured=None):
         """The State of a fit's causes with the noise that suits them, from the fitter's."""
-        D, E = self.path.steps([fit.causes]), self.path.E[..., None]
+        D, E = self.path.steps([fit.causes])
         self.fitter.noise, deviance = noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
         fit = self.fitter.fit_of(fit.causes)
         return State(deviance + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant)
@@ -90,8 +92,14 @@ class States:
     def settled(self, state, fit):
         """Sizes and noise in turn, from those of a state; once more from no random motion.
 
-        A cause that explains it all would never get there from noise that made up for it.
+        A cause that explains it all would never get there from noise that made up for it. What a simulator cannot do is worth nothing.
         """
+        try:
+            return self._settled(state, fit)
+        except RunsAway:
+            return replace(state, deviance=np.inf, fit=fit)
+
+    def _settled(self, state, fit):
         self.at(state)
         found = self._in_turn(fit)
         if (found.noise.process > MOVES * noises.QUIET * self.path.usual).any():
@@ -101,9 +109,26 @@ class States:
         return found
 
     def _in_turn(self, fit):
-        state = self.likeliest(self.fitter.refine(self.fitter.fit_of(fit.causes)))
-        better = spans.edges(self.fitter, self.fitter.refine(state.fit, 3))
+        state = self.likeliest(self.exact(self.fitter.refine(self.fitter.fit_of(fit.causes))))
+        better = self.exact(spans.edges(self.fitter, self.fitter.refine(state.fit, 3)))
         return self.likeliest(better, 6) if state.fit.cost - better.cost > 1 else replace(state, fit=better)
+
+    def exact(self, fit):
+        """The fit by steps that are exact at its causes, refined where they were not."""
+        for _ in range(EXACT):
+            if not self.path.about(fit.causes):
+                break
+            exact = self.fitter.fit_of(fit.causes)
+            if abs(exact.cost - fit.cost) < TRIFLE:
+                return exact
+            fit = self.fitter.refine(exact, 3)
+        return fit
+
+    def referred(self, state):
+        """The state along a path that is looked for anew with its causes and noise."""
+        if not self.path.refer(state.causes, state.noise):
+            return state
+        return self._in_turn(self.at(state).fit_of(state.causes))
 
     def robust(self, state):
         """With rows that stand alone counted as noisier: a reading that is off, after which the next are not."""
@@ -113,7 +138,7 @@ class States:
             if not (size > OUT * usual).any():
                 break
             self.path.present = self.path.present * np.where(size > OUT * usual, (size / USUAL / usual) ** 2, 1.0)
-            self.path.follow(_between(self.path.X, (self.path.present == 1).all(1)))
+            self.path.pass_over((self.path.present == 1).all(1))
             state = self.likeliest(self.fitter.fit_of(state.causes))
         return state
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .. import figures, words
+from ..prediction_errors.ahead import HORIZONS
 
 MOST_RANKED = 8
 SURE = 0.9
+MOVES = 0.01  # of the usual rate, from which on random motion is told
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def asides(report):
     left = report["unexplained"]
     if left["depends_on"]:
         said.append(
-            "What is left goes with " + words.listed(f"{d['on']} (it acts on {d['acts_on']})" for d in left["depends_on"][:2]) + "."
+            "What is left goes with " + words.listed(f"{d['on']} (it acts on {d['channel']})" for d in left["depends_on"][:2]) + "."
         )
     if report["time_step"]["matters"]:
         said.append("The simulator's step of time is too long for this log: shorter steps bring it nearer. That is taken into account.")
@@ -150,18 +152,19 @@ def effect_table(effects):
 
 def series_figure(result):
     """The channel with the most of the gap over time: predictions in turn, without and with the effects."""
-    problem, shares = result.problem, result.report["where"]["channels"]
+    path, shares = result.path, result.report["where"]["channels"]
     names = list(shares)
     c = int(np.argmax(list(shares.values())))
-    channel = problem.robot.channels[c]
-    index, t = problem.rollouts.index, problem.log.t - problem.log.t[0]
-    before = problem.rollouts.missed(problem.rollouts.run(problem.rollouts.idle())[1] + problem.finer * problem.shift)[..., c]
-    after = problem.rollouts.missed(problem.rollouts.run(problem.action(result.fit.causes))[1] + problem.finer * problem.shift)[..., c]
-    key = (("before", "without"), ("after", "with the effects")) if result.fit.causes else (("before", "simulator"),)
-    panel = figures.Panel((56, 40, figures.WIDTH - 66, 180), (0, float(t[-1])), figures.extent(np.r_[before.ravel(), after.ravel()]))
+    channel = path.robot.channels[c]
+    length = max(min(HORIZONS[-1], len(path.rows) // 4), 1)
+    starts = np.arange(path.settled, len(path.rows) - length, length)
+    t = path.t[starts[:, None] + np.arange(1, length + 1)]
+    before, after = (path.ahead(causes, starts, tuple(range(1, length + 1)))[..., c] for causes in ((), result.answer.fit.causes))
+    key = (("before", "without"), ("after", "with the effects")) if result.answer.fit.causes else (("before", "simulator"),)
+    panel = figures.Panel((56, 40, figures.WIDTH - 66, 180), (0, float(path.t[-1])), figures.extent(np.r_[before.ravel(), after.ravel()]))
     parts = [figures.legend(0, 14, key), panel.frame("time (s)", f"error of {channel.name} ({channel.unit})")]
     for missed, (kind, _) in zip((before, after), key):
-        x, y = (np.concatenate([values, np.full((len(values), 1), np.nan)], 1).ravel() for values in (t[index], missed))
+        x, y = (np.concatenate([values, np.full((len(values), 1), np.nan)], 1).ravel() for values in (t, missed))
         parts.append(panel.line(x, y, f"{kind} noisy"))
     caption = f"Most of the misfit is in {names[c]}: {words.percent(shares[names[c]])}"
     return caption, figures.svg(260, caption, *parts)
@@ -215,19 +218,22 @@ def _open(report):
 
 
 def _measured(report):
-    log, noise = report["log"], report["noise"]["sensor"]
+    log, noise = report["log"], report["noise"]
     said = [
         f"{log['rows']} rows, {words.seconds(log['seconds'])} at {words.plain(1 / log['dt'], 3)} Hz;"
         f" {words.percent(log['usable'])} of the transitions are usable."
     ]
     said.append(
-        "Noise (one standard deviation): " + words.listed(f"{name} {size_of(n['unit'])(n['sd'])}" for name, n in noise.items()) + "."
+        "Noise (one standard deviation): " + words.listed(f"{name} {size_of(n['unit'])(n['sd'])}" for name, n in noise["sensor"].items()) + "."
     )
-    window = report["window"]
-    said.append(
-        f"It was followed in windows of {window['rows']} rows ({words.seconds(window['seconds'])});"
-        f" the simulator went over it {report['passes']} times."
-    )
+    moves = [(name, n) for name, n in noise["process"].items() if n["share"] > MOVES]
+    if moves:
+        said.append(
+            "The robot's own random motion: "
+            + words.listed(f"{name} {words.quantity(n['sd'], n['unit'])} ({words.percent(n['share'])} of its usual rate)" for name, n in moves)
+            + "."
+        )
+    said.append(f"The simulator went over the log {report['passes']} times.")
     return Section("The log and its noise", tuple(said))
 
 

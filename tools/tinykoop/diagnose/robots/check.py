@@ -10,13 +10,16 @@ import numpy as np
 
 from ...plumbing.errors import UserError
 from ...plumbing.results import print_table
-from ..engine import ahead, judge
-from ..engine.finder import ALIKE, Finder
-from ..engine.problem import Problem
-from ..engine.rollouts import RunsAway
+from ..platforms.own import Path
+from ..prediction_errors import ahead, spans
+from ..prediction_errors import noise as noises
+from ..prediction_errors.fit import Cause, Fitter
 from ..report.story import size_of
+from ..robot import RunsAway
 from ..words import say
 from . import toml
+from .library import preference
+from .log import noise as noise_of
 
 ROWS = 8  # of a window that is looked at
 WINDOWS = 4, 12  # in which each mistake is looked for, and then those that may be one
@@ -25,6 +28,7 @@ TURN = 2 * np.pi
 FASTEST, SLOWEST = 1e-5, 1.0  # s between rows, that a log may have whose time is in another unit
 NOTABLE, NEAR = 0.05, 1.5  # of the noise: a gain by shifted rows that is said, and what it must come down to
 ANSWERS = 0.2  # correlation, below which a state does not do what it is asked
+ALIKE = 0.98  # cosine of what two effects do, from which on they are the same
 JITTER = 0.2  # of the usual step, by which single steps may differ
 
 
@@ -37,24 +41,33 @@ class Finding:
     wrong: bool = True
 
 
-def _part(log, windows):
-    """The log, with transitions usable only in windows that are evenly spread over it."""
+def _part(log, count):
+    """Windows of the log that are evenly spread over it, with nothing between them."""
     K = len(log.t)
-    usable = np.zeros(K - 1, bool)
-    for start in np.linspace(0, K - 1 - ROWS, min(windows, (K - 1) // ROWS)).astype(int):
-        usable[start : start + ROWS] = log.usable[start : start + ROWS]
-    return replace(log, usable=usable)
+    firsts = np.linspace(0, K - 1 - ROWS, min(count, (K - 1) // ROWS)).astype(int)
+    rows = (firsts[:, None] + np.arange(ROWS + 1)).ravel()
+    usable = np.append(log.usable, False)[rows]
+    usable[ROWS :: ROWS + 1] = False
+    t = np.arange(len(rows)) * log.dt
+    return replace(log, t=t, x=log.x[rows], u=log.u[rows], y=log.y[rows], usable=usable[:-1])
 
 
-def misfit(robot, log, sigma, windows):
+def misfit(robot, log, sigma, count):
     """Mean square of what the simulator misses of a part of the log, over the noise of the log; infinite where it runs away."""
+    part = _part(log, count)
     with np.errstate(all="ignore"):
         try:
-            problem = Problem(robot, _part(log, windows), ROWS, sigma=sigma, whole=False)
+            path = Path(robot, part)
         except RunsAway:
             return np.inf
-        cost = problem.reached
-    return cost / max(problem.degrees, 1) if np.isfinite(cost) else np.inf
+        cost = _quiet(path, sigma).fit_of(()).cost
+    free = np.isfinite(path.present).sum() - (path.begins != 0).sum() * len(robot.states)
+    return cost / max(free, 1) if np.isfinite(cost) else np.inf
+
+
+def _quiet(path, sigma):
+    """The Fitter by what the sensors alone would make."""
+    return Fitter(path, replace(noises.first(path), sensor=sigma))
 
 
 def _state(log, robot, i, change):
@@ -132,11 +145,17 @@ def _swap(u, i, j):
     return u
 
 
-def _late(problem):
+def _late(path):
     """Whether the commands fit better one row earlier or later, down to the noise."""
-    moved = {shift: replace(problem.at, u=_shifted(problem.at.u, shift)) for shift in (1, -1)}
-    cost = {0: problem.reached} | {shift: problem.fit_of((), action).cost for shift, action in moved.items()}
-    degrees, best = problem.degrees, min(cost, key=cost.get)
+    fitter, degrees = _quiet(path, noise_of(path.log, path.robot)), np.isfinite(path.present).sum()
+    shifted = {shift: replace(path.at, u=_shifted(path.at.u, shift)) for shift in (0, 1, -1)}
+    cost = dict.fromkeys(shifted, np.inf)
+    for variant in range(len(path.variants)):  # a step of time that is too long is not late
+        path.step_by(variant)
+        left = fitter.whiten(*path.changed(list(shifted.values())))
+        cost = {shift: min(cost[shift], size) for shift, size in zip(shifted, (left**2).sum(0))}
+    path.step_by(0)
+    best = min(cost, key=cost.get)
     if best and cost[0] - cost[best] > max(NOTABLE * degrees, 0.5 * (cost[0] - degrees)) and cost[best] < NEAR * degrees:
         when, way = ("early: each acts from the next row on", "down") if best > 0 else ("late: each has acted before", "up")
         yield Finding(
@@ -144,16 +163,19 @@ def _late(problem):
         )
 
 
-def _deaf(problem):
+def _deaf(path):
     """States that do not move as the commands ask."""
-    robot, missed = problem.robot, problem.rollouts.missed(problem.Y)
+    robot, sigma, h = path.robot, noise_of(path.log, path.robot), (ahead.HORIZONS[-1],)
+    starts = ahead.starts_of(path)
+    missed = path.ahead((), starts, h)[:, 0]
     for c, i in enumerate(robot.measured):
-        asked = problem.X[:, -1, i] - problem.X[:, 0, i]
-        seen = asked + missed[:, -1, c] - missed[:, 0, c]
-        good = np.isfinite(seen) & np.isfinite(asked)
+        seen = path.measured[np.minimum(starts + h[0], len(path.rows) - 1), c] - path.measured[starts, c]
+        asked = seen - missed[:, c]
+        good = np.isfinite(asked)
         if (
             good.sum() > 8
-            and np.median(np.abs(asked[good])) > 5 * problem.sigma[c]
+            and np.ptp(seen[good]) > 0
+            and np.median(np.abs(asked[good])) > 5 * sigma[c]
             and abs(np.corrcoef(asked[good], seen[good])[0, 1]) < ANSWERS
         ):
             yield Finding(
@@ -197,22 +219,22 @@ def mistaken(robot, log):
     found = [*_wrapping(robot, log), *_dead(robot, log), *_sampling(log)]
     if any(f.text.endswith("never changes") for f in found):
         return found
-    sigma, left = Problem.noise_of(log, robot), list(mistakes(robot, log))
+    sigma, left = noise_of(log, robot), list(mistakes(robot, log))
     for windows in WINDOWS:
         base, size = misfit(robot, log, sigma, windows), []
         if base < 1:
             return found
         for text, _, mended in left:
-            own = Problem.noise_of(mended, robot)
+            own = noise_of(mended, robot)
             size.append(misfit(robot, mended, own, windows) * (1.0 if "swapped" in text else float(np.mean(own**2 / sigma**2))))
         order = [i for i in np.argsort(size) if size[i] * BETTER < base]
         left = [left[i] for i in order]
     return found + [Finding(text, remedy) for text, remedy, _ in left[:1]]
 
 
-def along(problem):
-    """Findings of a whole log, by a few passes."""
-    return [*_deaf(problem), *_late(problem)]
+def along(path):
+    """Findings of a whole log."""
+    return [*_deaf(path), *_late(path)]
 
 
 def refuse(findings, log, robot):
@@ -226,36 +248,38 @@ def run(robot_file, log_file, sim=None):
     """Prints what looks wrong, how far the simulator is off, and which effects this log cannot tell apart; 2 where it cannot be right."""
     robot, log = toml.read_both(robot_file, log_file, sim)
     found = mistaken(robot, log)
-    problem = None if any(f.wrong for f in found) else Problem.of(robot, log)
-    found += along(problem) if problem else []
+    path = None if any(f.wrong for f in found) else Path(robot, log)
+    found += along(path) if path else []
     say(f"{robot.name}: {len(log.t)} rows, {log.t[-1] - log.t[0]:.4g} s at {1 / log.dt:.4g} Hz", "bold")
     for finding in found:
         say(f"  {'WRONG' if finding.wrong else 'look'}: {finding.text}. {finding.remedy}")
     if any(f.wrong for f in found):
         raise UserError(f"{log_file}: cannot be a log of {robot.name} as {robot_file} has it")
-    looked = ahead.Ahead(problem)
-    errors, floor = looked.errors(()), looked.floor()
-    rows = [(g.name, *(size_of(g.unit)(v) for v in ahead.rms(errors[g.name])), size_of(g.unit)(floor[g.name][-1])) for g in robot.gaps]
-    print_table("The simulator as it is", ("gap", *(f"{h} ahead" for h in looked.horizons), "noise"), rows)
-    classes = alike(problem)
+    starts = ahead.starts_of(path)
+    errors, floor = ahead.errors(path, (), starts), ahead.floor(path, noises.first(path), starts)
+    rows = [
+        (name, *(size_of(unit)(v) for v in ahead.rms(errors[name])), size_of(unit)(ahead.rms(floor[name])[-1]))
+        for name, (unit, _) in path.gaps.items()
+    ]
+    print_table("The simulator as it is", ("gap", *(f"{h} ahead" for h in ahead.HORIZONS), "noise"), rows)
+    classes = alike(path)
     if classes:
         say("On this log these are the same:", "bold")
         for names in classes:
             say(f"  {', '.join(names)}")
 
 
-def alike(problem):
+def alike(path):
     """[names of effects whose columns are the same], from the preferred name on."""
-    finder = Finder(problem)
-    usual = lambda c: abs(c.params[0] / problem.effects[c.name].parameters[0].usual - 1)  # noqa: E731
-    candidates = {c.name: c.column for c in sorted(finder.candidates(finder.base), key=usual, reverse=True)}  # the usual size stays
-    names = [n for n, column in candidates.items() if np.linalg.norm(column) > 1]
-    unit = np.stack([candidates[n] / np.linalg.norm(candidates[n]) for n in names], 1) if names else np.zeros((1, 0))
+    trials = [(Cause(name, tuple(p.usual for p in effect.parameters)),) for name, effect in path.effects.items()]
+    columns = _quiet(path, noise_of(path.log, path.robot)).whiten(*spans.beside(path, (), trials))
+    size = np.linalg.norm(columns, axis=0)
+    names, unit = [name for name, s in zip(path.effects, size) if s > 1], columns[:, size > 1] / size[size > 1]
     close, out, left = np.abs(unit.T @ unit) > ALIKE, [], set(range(len(names)))
     while left:
         i = min(left)
         group = [j for j in left if close[i, j]]
         left -= set(group)
         if len(group) > 1:
-            out.append(sorted((names[j] for j in group), key=judge.preference))
+            out.append(sorted((names[j] for j in group), key=preference))
     return out

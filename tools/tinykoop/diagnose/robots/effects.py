@@ -4,18 +4,16 @@ import numpy as np
 
 from ... import bridge
 from ...plumbing.results import number, print_table
-from ..engine import effects
-from ..engine.problem import Problem
+from ..platforms.own import Path
 from ..robot import RobotLog
-from . import is_own, toml
+from . import is_own, library, toml
 from .log import read
 
-ROWS = 20
 HEADERS = ("effect", "at", "parameter", "unit", "from", "to", "usual")
 
 
 def _bound(value):
-    return number(float(value)) if abs(value) < effects.WHOLE else "any"
+    return number(float(value)) if abs(value) < library.WHOLE else "any"
 
 
 def _of_c(platform):
@@ -33,7 +31,7 @@ def _unit_log(robot):
 
 def _of_own(robot, log):
     shown = log if log is not None else _unit_log(robot)
-    found = Problem(robot, shown, ROWS).everything
+    found = Path(robot, shown).everything
     return [(e.name, e.block, [(p.name, p.unit, p.low, p.high, p.usual) for p in e.parameters], e.formula) for e in found.values()]
 
 

@@ -5,6 +5,7 @@ import csv
 import numpy as np
 
 from ...plumbing.errors import UserError
+from ..prediction_errors.noise import white
 from ..robot import RobotLog
 
 FEWEST = 60  # usable transitions
@@ -64,6 +65,32 @@ def _log(path, robot, values):
     if usable.sum() < FEWEST:
         raise UserError(f"{path}: {int(usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST} at least")
     return RobotLog(t, x, np.nan_to_num(u), y, usable, dt, str(path))
+
+
+def continued(values, wraps):
+    """Without what is missing, in a line between what is there, and without jumps by a turn."""
+    seen = np.isfinite(values)
+    if not seen.any():
+        return np.zeros(len(values))
+    there = np.unwrap(values[seen]) if wraps else values[seen]
+    return np.interp(np.arange(len(values)), np.flatnonzero(seen), there)
+
+
+def windows(usable, rows):
+    """First rows (W,) of windows of `rows` usable transitions in a row."""
+    starts, run = [], 0
+    for k, good in enumerate(usable):
+        run = run + 1 if good else 0
+        if run and run % rows == 0:
+            starts.append(k + 1 - rows)
+    return np.array(starts, int)
+
+
+def noise(log, robot):
+    """Standard deviations (c,) of the channels' white noise, at most."""
+    measured = np.stack([continued(y, c.wraps) for y, c in zip(log.y.T, robot.channels)], 1)
+    whole = log.usable[:-2] & log.usable[1:-1] & log.usable[2:]
+    return np.maximum(white(measured, whole), 1e-6 * np.abs(measured).max(0))
 
 
 def joined(logs):

@@ -15,7 +15,7 @@ from math import nan
 import numpy as np
 
 from ...plumbing.errors import UserError
-from ..engine.rollouts import RunsAway
+from ..robot import RunsAway
 from .asked import among, package
 
 KEYS = ("states", "inputs", "starts")

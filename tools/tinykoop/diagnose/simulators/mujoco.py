@@ -81,12 +81,13 @@ class Mujoco:
     """state, ctrl, sensed: which of the robot's states and commands stand where in those of the model."""
 
     def __init__(self, model, state, ctrl, sensed, addresses, fields, threads=None):
-        self.package, self.rollouts, self.model = package("mujoco"), package("mujoco.rollout"), model
+        self.package, self.model = package("mujoco"), model
         self.state, self.ctrl, self.sensed, self.addresses = state, ctrl, sensed, addresses
         self.fields, self.own_step, self.models = fields, model.opt.timestep, {}
-        self.velocities = state[model.nq : model.nq + model.nv]
+        self.velocities, self.moved = state[model.nq : model.nq + model.nv], state[: model.nq]
         model.opt.disableflags |= self.package.mjtDisableBit.mjDSBL_AUTORESET  # what blows up shall be seen to
         self.data = [self.package.MjData(model) for _ in range(threads or os.cpu_count() or 1)]
+        self.pool = None
 
     def value(self, field):
         return next(f for f in self.fields if f.text == field).value(self.model)
@@ -126,12 +127,18 @@ class Mujoco:
             after += dt * np.where(np.isin(np.arange(x.shape[1]), self.velocities), 0.0, push)
         return after
 
+    def _threads(self):
+        """As many as there is data for; they are kept, since to start them takes longer than a step."""
+        if self.pool is None or self.pool[0] != len(self.data):
+            self.pool = len(self.data), package("mujoco.rollout").Rollout(nthread=len(self.data))
+        return self.pool[1]
+
     def _rollout(self, model, start, control, steps):
         before, given = self.package.get_mju_user_warning(), self.package.mjtState
         kinds = given.mjSTATE_CTRL if control.shape[2] == model.nu else given.mjSTATE_CTRL | given.mjSTATE_QFRC_APPLIED
         self.package.set_mju_user_warning(lambda text: None)  # else it writes a file, for each step that blows up
         try:
-            return self.rollouts.rollout(model, self.data, start, control, control_spec=kinds, nstep=steps)
+            return self._threads().rollout(model, self.data, start, control, control_spec=kinds, nstep=steps)
         finally:
             self.package.set_mju_user_warning(before)
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from ...plumbing.errors import UserError
 from ...plumbing.results import printable
-from ..engine.problem import ROWS, Problem
-from ..engine.rollouts import Rollouts, longest_run
-from ..robots.log import read
+from ..robots.actions import Stepper, idle
+from ..robots.log import noise as noise_of
+from ..robots.log import read, windows
 
 DEGREE, TERMS, STEPS = 4, 200, 4000  # of a polynomial; steps of the run that are looked at; all at most
 BETTER = 0.9  # of the error, that a further signal may leave
@@ -22,6 +22,7 @@ SPARE = 0.05  # of the log's noise: what a rate makes in a window may be off by 
 OFF = 0.3  # of the log's noise, that predictions of a window may be off by
 BEYOND, FEW = 0.2, 0.05  # of a signal's range, that the log may go beyond it; share of its rows that may go farther
 FEWEST = 4  # windows of the run
+ROWS = 50  # of a window
 
 
 def signals(robot, x, u):
@@ -68,18 +69,24 @@ class Run:
     """A run in windows; every other one is tried by what the rest says, and the reverse."""
 
     def __init__(self, robot, log, path):
-        self.robot, self.rollouts = robot, Rollouts(robot, log, min(ROWS, longest_run(log.usable)))
-        starts = self.rollouts.starts[np.isfinite(log.x[self.rollouts.index]).all((1, 2))]
-        starts = starts[:: max(1, len(starts) * self.rollouts.rows // STEPS)]
-        if len(starts) < FEWEST:
-            raise UserError(f"{path}: {len(starts)} whole windows of {self.rollouts.rows} rows are too few; record {FEWEST} at least")
-        self.rollouts.put(starts)
-        index = self.rollouts.index
+        self.robot, self.log = robot, log
+        run = max((len(part) for part in "".join("x" if good else " " for good in log.usable).split()), default=0)
+        self.rows = max(min(ROWS, run), 1)
+        starts = windows(log.usable, self.rows)
+        index = starts[:, None] + np.arange(self.rows + 1)
+        starts = starts[np.isfinite(log.x[index]).all((1, 2))]
+        self.starts = starts[:: max(1, len(starts) * self.rows // STEPS)]
+        if len(self.starts) < FEWEST:
+            raise UserError(f"{path}: {len(self.starts)} whole windows of {self.rows} rows are too few; record {FEWEST} at least")
+        self.index = index = self.starts[:, None] + np.arange(self.rows + 1)
         before, after = (log.x[rows].reshape(-1, len(robot.states)) for rows in (index[:, :-1], index[:, 1:]))
-        turned = (after - before + np.pi) % (2 * np.pi) - np.pi
-        self.rates = np.where([s.wraps for s in robot.states], turned, after - before) / log.dt
+        self.rates = self._short(after - before) / log.dt
         self.columns = signals(robot, before, log.u[index[:, :-1]].reshape(len(before), -1))
-        self.odd = np.repeat(np.arange(len(index)) % 2 == 1, self.rollouts.rows)
+        self.odd = np.repeat(np.arange(len(index)) % 2 == 1, self.rows)
+
+    def _short(self, change):
+        """A change of states, angles by the short way."""
+        return np.where([s.wraps for s in self.robot.states], (change + np.pi) % (2 * np.pi) - np.pi, change)
 
     def fitted(self, i, of, degree, used=slice(None)):
         """The Polynomial of state i's rate by the steps used."""
@@ -112,13 +119,13 @@ class Run:
         return best[1:]
 
     def off(self, chosen):
-        """RMS (c,) of predictions of a window, by polynomials of the other half."""
+        """RMS (n,) of predictions of a window, by polynomials of the other half."""
         missed = []
         for half, used in ((0, self.odd), (1, ~self.odd)):
-            self.rollouts.robot = replace(self.robot, simulator=self.model(chosen, used))
-            with np.errstate(all="ignore"):
-                missed.append(self.rollouts.missed(self.rollouts.run(self.rollouts.idle())[1])[half::2])
-        return np.nan_to_num(np.sqrt(np.nanmean(np.concatenate(missed) ** 2, (0, 1))), nan=np.inf)
+            robot, rows = replace(self.robot, simulator=self.model(chosen, used)), self.index[half::2]
+            predicted = Stepper(robot, self.log).run(self.log.x[rows[:, 0]], rows, idle(robot, self.log))
+            missed.append(self._short(self.log.x[rows] - predicted))
+        return np.nan_to_num(np.sqrt(np.mean(np.concatenate(missed) ** 2, (0, 1))), nan=np.inf)
 
     def model(self, chosen, used=slice(None)):
         """The simulator by the steps used."""
@@ -142,14 +149,14 @@ def of(robot, path, log):
     recorded = read(path, robot)
     if abs(recorded.dt / log.dt - 1) > 0.01:
         raise UserError(f"{path}: has rows every {recorded.dt:.4g} s, the log every {log.dt:.4g} s; record both at equal steps")
-    run, noise = Run(robot, recorded, path), Problem.noise_of(log, robot)
-    seconds = run.rollouts.rows * log.dt
+    run, noise = Run(robot, recorded, path), noise_of(log, robot)
+    seconds = run.rows * log.dt
     chosen = [run.choose(i, SPARE * noise[i] / seconds) for i in range(len(robot.states))]
     off = run.off(chosen) / noise
     worst = int(np.argmax(off))
     if not off[worst] < OFF:
         raise UserError(
-            f"{path}: no surrogate fitted to this run does what the simulator does: {run.rollouts.rows} steps ahead the best is off by"
+            f"{path}: no surrogate fitted to this run does what the simulator does: {run.rows} steps ahead the best is off by"
             f" {off[worst]:.2g} times the log's noise in {robot.channels[worst].name}; add columns for what is missing of the state,"
             " take noise out of the run, or name the simulator itself in [simulator]"
         )
@@ -158,7 +165,7 @@ def of(robot, path, log):
     names = [s.name for s in (*robot.states, *robot.commands)]
     model.surrogate = {
         "file": printable(path),
-        "rows": run.rollouts.rows,
+        "rows": run.rows,
         "off": {channel.name: float(o) for channel, o in zip(robot.channels, off)},
         "depends_on": {state.name: [names[j] for j in what] for state, (what, _) in zip(robot.states, chosen)},
     }

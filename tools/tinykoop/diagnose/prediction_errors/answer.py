@@ -1,0 +1,67 @@
+"""From a path to what is said of it: the causes that matter, how sure each is, what is left, and how far predictions are off."""
+
+from dataclasses import dataclass, replace
+
+from . import ahead, judge
+from .fit import Fit
+from .search import Search
+from .states import State
+
+
+@dataclass
+class Answer:
+    """verdict: the word of the contract. before, after, floor: {gap: errors (S, H)} of predictions from rows `starts` of the path."""
+
+    search: Search
+    state: State
+    fit: Fit
+    proofs: list
+    left: judge.Left
+    verdict: str
+    small: list  # Causes that are significant and do not matter
+    starts: object
+    before: dict
+    after: dict
+    floor: dict
+
+    @property
+    def path(self):
+        return self.search.path
+
+    @property
+    def fitter(self):
+        return self.search.fitter
+
+
+def _by_worth(fitter, fit):
+    """(fit, [fit without each cause]), the cause that is worth most first."""
+    rests = judge.dropped(fitter, fit)
+    order = sorted(range(len(rests)), key=lambda i: -rests[i].cost)
+    return fitter.fit_of(fit.causes[i] for i in order), [rests[i] for i in order]
+
+
+def answer(path):
+    """The Answer of a path."""
+    search = Search(path)
+    whole = search.run()
+    search.at(whole)
+    path.tell_hidden(whole.noise)
+    starts = ahead.starts_of(path)
+    state, small = judge.paying(search, whole, starts)
+    missed = ahead.after(search.at(whole), whole.fit, starts) if small else None
+    fitter = search.at(state)
+    before, floor = ahead.errors(path, (), starts), ahead.floor(path, state.noise.quiet(path), starts)
+    after = ahead.after(fitter, state.fit, starts)
+    left = judge.left(search, state, whole, before, missed or after, starts)
+    fit, rests = _by_worth(fitter, state.fit)
+    rivals = judge.all_rivals(search, fit, rests)
+    named = judge.preferred(search, state, fit, rivals)
+    if named is not fit:
+        state = replace(state, fit=named)
+        fit, rests = _by_worth(search.at(state), named)
+        rivals = judge.all_rivals(search, fit, rests)
+    proofs = judge.proofs(search, fit, rests, rivals, left)
+    word = judge.verdict(fit, proofs, left)
+    if word == "none":
+        fit, proofs, after = fitter.fit_of(()), [], before
+    return Answer(search, state, fit, proofs, left, word, small, starts, before, after, floor)

@@ -43,7 +43,7 @@ AWAY = 1e3  # times the reach of a signal, beyond which a path has left the log
 COVERED = 2.0  # times that the longest predictions go over the log
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # of the way that a gap's states go, and of the noise of a reading: a smaller gap does not matter
 TINY = 0.05  # of its usual size: what is less may be significant, and does not matter
-CORNERS = 1.0  # likewise of a path that is cut: what still shorter steps would change at contacts looks like random motion
+CORNERS = 1.5  # likewise of a path that is cut: what still shorter steps would change at contacts looks like random motion
 STEADY = 0.02  # share that commands of one kind vary by
 
 
@@ -192,14 +192,16 @@ class Path:
             return
         for now, ends in self._along(self.X, np.flatnonzero(self.begins)):
             self.X[now + 1] = ends
-        self._known[self.at_causes] = self.X, self._on_its_way()
-        self._D, self._ends = self._known[self.at_causes][1], None
-
-    def _on_its_way(self):
-        """Steps that end on the path (K, n), as those of the simulator do in its windows."""
         if not np.isfinite(self.X).all():
             raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within {LED} rows")
-        return np.zeros_like(self.X)
+        self._D, self._ends, self._own = np.zeros_like(self.X), None, self.at  # the simulator's own steps end on its path
+        self._known[self.at_causes] = self.X, self._D
+
+    def _coarse(self):
+        """Where steps of the path's own causes end that are not shortened."""
+        if self._ends is None:
+            self._ends = self.stepper.step(self.X[self.on], self.on, self._own)
+        return self._ends
 
     def _push(self):
         """Where random motion acts: on rates of what is measured, and on what no rate moves."""
@@ -264,10 +266,14 @@ class Path:
     def _step(self):
         """What one step from each row ends beside the path (K, n), by one pass."""
         with np.errstate(all="ignore"):
-            self._ends = self.stepper.step(self.X[self.on], self.on, self.at, self.parts)
-        if not np.isfinite(self._ends).all():
+            ends = self.stepper.step(self.X[self.on], self.on, self.at)
+        if not np.isfinite(ends).all():
             raise RunsAway(f"the simulator of {self.robot.name} runs away from the log within a row")
-        self._D = self._beside(self._ends)
+        if self.cut:
+            self._D = np.zeros_like(self.X)
+            self._D[self.on] = ends - self._coarse()
+        else:
+            self._ends, self._D = ends, self._beside(ends)
         self._known[self.at_causes] = self.X, self._D
 
     def _beside(self, ends):
@@ -323,9 +329,7 @@ class Path:
         """(K, n): by how much a step moves, over h."""
         out = np.zeros_like(self.X)
         ends = self.stepper.step((self.X + moved)[self.on], self.on, action)
-        if self._ends is None:
-            self._ends = self.stepper.step(self.X[self.on], self.on, self.at)
-        out[self.on] = (ends - self._ends) / h
+        out[self.on] = (ends - (self._coarse() if self.cut else self._ends)) / h
         return out
 
     @property

@@ -110,10 +110,10 @@ def proofs(search, fit, rests, every, left):
         others = [n for n, d in behind.items() if d < search.price and absorbed[n] > 0.5]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
         heat = 2.0 * (1 + 50 * left.share)
-        odds = sum(np.exp(-min(max(d, 0) / heat, 700)) for d in [*(d for n, d in behind.items() if n not in others), worth])
-        same = sum(np.exp(-min(max(behind.get(n, 0), 0) / heat, 700)) for n in others)
+        odds = {n: np.exp(-min(max(d, 0) / heat, 700)) for n, d in [*behind.items(), ("", worth)]}
+        same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
-        sure = (1 - left.share) / (1 + odds) * (DOUBT if left.shows or alike else 1.0)
+        sure = (1 - left.share) / (1 + sum(odds.values())) * (DOUBT if left.shows or alike else 1.0)
         sure = min(sure, UNSURE if search.path.steady else 1.0)
         out.append(Proof(float(worth), float(sure / (1 + same)), tuple(others), rest, absorbed, float(sure)))
     return out

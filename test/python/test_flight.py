@@ -6,7 +6,7 @@ from scipy import linalg, signal
 from tinykoop import bridge
 from tinykoop.diagnose.flight import diagnosis, gap, vehicle
 from tinykoop.diagnose.flight.baseline import simulated
-from tinykoop.diagnose.flight.innovations import LAGS, Innovations, Whitener
+from tinykoop.diagnose.prediction_errors.healthy import LAGS, Whitener
 from tinykoop.plumbing.errors import UserError
 
 STILL = bridge.Effect("vibration", (-1.0,))  # a body that does not shake
@@ -135,14 +135,37 @@ def test_whitener_undoes_a_vector_autoregression():
 
 def test_sensor_bias_of_usual_size_counts_little():
     """The covariance with a bias taken in, against what it is by definition."""
-    log, healthy = bridge.fwmav("hover", 5, 5)[0], simulated()
-    pieces = Innovations(vehicle.Fwmav(), log, healthy.whitener)
-    U, shrunk = pieces._own, pieces._shrunk
+    log = bridge.fwmav("hover", 5, 5)[0]
+    path = simulated().path(log)
+    U, shrunk = path.noises._own, path.noises._shrunk
     s2 = 1 / (1 - shrunk) ** 2 - 1
     w = np.random.default_rng(0).normal(size=len(U))
     direct = w @ np.linalg.solve(np.eye(len(U)) + (U * s2) @ U.T, w)
     white = w - U @ (shrunk * (U.T @ w))
     np.testing.assert_allclose(white @ white, direct, rtol=1e-9)
+
+
+def test_noise_is_never_less_than_that_of_healthy_flights():
+    path = simulated().path(bridge.fwmav("hover", 8, 6)[0])
+    first = path.noises.first(path)
+    D = np.random.default_rng(0).normal(size=(*path.present.shape, 1))
+    for size in (0.1, 3.0):
+        D *= size / np.sqrt((path.noises.whitened(path, first, D, D)[0] ** 2).sum() / np.isfinite(path.present).sum())
+        noise, deviance = path.noises.likeliest(path, first, D, D)
+        n, least = np.isfinite(path.present).sum(), max(size, 1.0)
+        np.testing.assert_allclose(noise.sensor, least)
+        # -2 log likelihood of independent normal values, but for n log 2 pi
+        np.testing.assert_allclose(deviance, n * (size / least) ** 2 + 2 * n * np.log(least))
+
+
+def test_whitening_is_linear():
+    """Columns of effects are whitened by themselves, so the whole must be the sum of its parts."""
+    path = simulated().path(bridge.fwmav("yaw", 8, 6)[0])
+    rng, first = np.random.default_rng(0), path.noises.first(path)
+    D = rng.normal(size=(*path.present.shape, 2))
+    both = path.noises.whitened(path, first, D @ [[2.0], [-0.5]], D[..., :1])[0][..., 0]
+    parts = path.noises.whitened(path, first, D, D)[0]
+    np.testing.assert_allclose(both, 2 * parts[..., 0] - 0.5 * parts[..., 1], atol=1e-9)
 
 
 # ---- answers ------------------------------------------------------------------------------------

@@ -144,7 +144,7 @@ def test_predictions_drawn_are_those_of_the_gap(trim):
 def test_spectra_keep_the_power(trim):
     """Parseval: the amplitudes drawn hold the variance of what was missed (healthy flights have the same)."""
     f, amplitude = figures._spectra(trim)
-    missed = trim.left[0][trim.pieces.known]
+    missed = trim.left[0][trim.path.known]
     for channel in (0, 1, 4):
         power = np.sum(amplitude[0, :, channel] ** 2) * (f[1] - f[0])
         assert power == pytest.approx(np.var(missed[:, channel]), rel=0.15)

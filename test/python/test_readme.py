@@ -104,9 +104,8 @@ def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
     from tinykoop.diagnose.flight import diagnosis as flight
-    from tinykoop.diagnose.flight import gap, innovations
     from tinykoop.diagnose.platforms import ddr
-    from tinykoop.diagnose.prediction_errors import ahead, judge, spans
+    from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans
 
     return [
         f"the first {ddr.SETTLE} rows are left out",
@@ -123,8 +122,9 @@ def _figures_of_the_diagnoser():
         f"no confidence exceeds {judge.UNSURE:g}; nor {judge.DOUBT:g}",
         f"at {flight.RATE:g} Hz",
         f"{flight.LEAST_SECONDS:g} s at least",
-        f"autoregression of {innovations.LAGS} rows",
-        f"every fourth block of {gap.BLOCK:g} s",
+        f"autoregression of {healthy.LAGS} rows",
+        f"every fourth block of {ahead.BLOCK:g} s",
+        f"from {flight.SYSTEMATIC:g} on something systematic is left",
         f"more than {flight.WORSE:g} times as wrong",
         f"over {flight.ANOTHER:g} times the variance",
         f"Where it changes in mid-flight, {flight.KICKED:g} s on either side",

@@ -1,7 +1,7 @@
 """The sim-to-real gap of one log: where it lies, which unmodelled effect causes it, how far it shrinks.
 
-Data flow: pieces (whitened residuals) -> noise -> search of effects, with phases -> verdict -> measure,
-where, advise -> diagnosis (the report) -> page (what people read).
+Data flow: platforms (a log as the engine takes it) -> prediction_errors (the engine: noise, search, verdict, gap) -> where, advise ->
+diagnosis (the report) -> page (what people read).
 """
 
 import sys

@@ -125,7 +125,7 @@ def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
         "contributions": _contributions(path, fit, proved, starts),
         "unexplained": {
             "unit": left.unit, "gap_m": left.gap, "of_gap_m": left.of, "smallest_that_matters_m": left.smallest, "share": left.share,
-            "matters": bool(left.matters), "depends_on": openset.depends(search, found.state) if left.matters else [],
+            "matters": bool(left.matters), "depends_on": openset.depends(openset.gains(search, found.state)) if left.matters else [],
         },
         "noise": _noise(path, found.state.noise),
         "integrator": path.variants[path.variant],

@@ -151,7 +151,7 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
         "not_testable": judge.untestable(found.search, found.fit),
         "unexplained": {
             "share": left.share, "gap": left.gap, "of_gap": left.of, "unit": left.unit, "matters": bool(left.matters),
-            "depends_on": openset.depends(found.search, found.state) if left.matters else [],
+            "depends_on": openset.depends(openset.gains(found.search, found.state)) if left.matters else [],
         },
         "noise": _noise(path, found.state.noise),
         "time_step": {"matters": bool(path.variant), "share": path.share},

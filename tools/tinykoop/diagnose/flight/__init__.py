@@ -1,7 +1,7 @@
 """The sim-to-real gap of a flapping-wing flight: the simulated vehicle is held to the log by an observer.
 
-Data flow: vehicle (the observer) -> innovations (whitened, against a baseline of healthy flights) -> search of effects and
-stretches -> evidence, generic -> gap, where, advise -> diagnosis (the report) -> page (what people read).
+Data flow: vehicle (the observer) -> baseline (healthy flights), vibration -> platforms/fwmav (a flight as the engine takes it) ->
+prediction_errors (the engine) -> gap, where, advise -> diagnosis (the report) -> page (what people read).
 """
 
 from . import page, words

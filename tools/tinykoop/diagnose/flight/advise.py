@@ -6,10 +6,8 @@ import numpy as np
 
 from ... import bridge
 from ...plumbing.errors import UserError
-from .fit import ALWAYS, Cause
-from .innovations import Innovations
-from .search import FlightSearch
-from .vehicle import Fwmav
+from ..platforms.fwmav import Path, acting
+from ..prediction_errors.fit import ALWAYS, Cause, Fitter
 
 MENU = {"hover": "hold still", "pitch": "tip to and fro", "yaw": "turn to and fro"}
 SECONDS, PAIRS = 20, 3
@@ -22,8 +20,8 @@ def advise(search, healthy, pairs, hidden):
     """
     questions = [(cause.name, cause.params, rival) for cause, rival in pairs[:PAIRS]]
     if not questions:
-        spec = search.fitter.effects
-        questions = [(name, tuple(p.usual for p in spec[name][1]), None) for name in hidden[:PAIRS]]
+        effects = search.fitter.effects
+        questions = [(name, tuple(p.usual for p in effects[name].parameters), None) for name in hidden[:PAIRS]]
     if not questions:
         return None
     best = None
@@ -38,21 +36,20 @@ def advise(search, healthy, pairs, hidden):
 
 def _separation(healthy, manoeuvre, cause, rival):
     """Of a simulated flight with this effect: by how much the rival, or nothing, explains it worse than the effect itself."""
-    pieces = _flown(healthy, manoeuvre, cause)
-    if pieces is None:
+    path = _flown(healthy, manoeuvre, cause)
+    if path is None:
         return 0.0
-    fitter = FlightSearch.fitter_type(pieces)
-    other = fitter.fit_of(())
-    if rival:
-        other = fitter.refine(fitter.scan(rival, other)[0], steps=4)
-    return float(np.sqrt(max(other.cost - fitter.fit_of((cause,)).cost, 0) / len(pieces.log.x)))
+    fitter = Fitter(path, path.noises.first(path))
+    trials = [(Cause(rival, start),) for start in path.effects[rival].starts] if rival else [()]
+    other = min((fitter.refine(fitter.fit_of(trial), 4) for trial in trials), key=lambda fit: fit.cost)
+    return float(np.sqrt(max(other.cost - fitter.fit_of((cause,)).cost, 0) / len(path.log.x)))
 
 
 @lru_cache(maxsize=32)
 def _flown(healthy, manoeuvre, cause):
-    """The Innovations of a simulated flight with this effect; None if it tumbles."""
+    """The Path of a simulated flight with this effect; None if it tumbles."""
     try:
-        log, _ = bridge.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *cause.active()])
+        log, _ = bridge.fwmav(manoeuvre, SECONDS, 1, [*healthy.base, *acting((cause,))])
     except UserError:
         return None
-    return Innovations(Fwmav(), log, healthy.whitener, healthy.base)
+    return healthy.path(log, differ={})

@@ -6,12 +6,15 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ... import bridge
-from .gap import predictable
-from .innovations import Innovations, Whitener, settled
-from .search import FlightSearch
-from .vehicle import SHAKEN, follower, measured, observer_gain, turns_yaw
+from ..platforms.fwmav import Path, effects
+from ..prediction_errors.ahead import HORIZONS
+from ..prediction_errors.fit import Fitter
+from ..prediction_errors.healthy import Whitener
+from .vehicle import SHAKEN, follower, measured, observer_gain, predictable, settled, turns_yaw
 
 SECONDS, SEEDS = 40, {"hover": (1001, 1002), "pitch": (1003, 1004), "yaw": (1005, 1006)}  # of the simulated flights
+FIRST = 0.3  # of its usual size, from which it is told what an effect does
+WINDOW = 10  # rows between predictions
 PART = 6.0  # s, of a healthy flight's parts, at least
 LEAST_BETWEEN = 0.01  # by which no two flights shake alike
 
@@ -39,15 +42,40 @@ class Baseline:
         logs = [log for log, _ in self.flights]
         return [log for log in logs if turns_yaw(log) == yaw] or logs
 
-    def differ(self, platform, yaw):
+    @lru_cache(maxsize=2)
+    def missed(self, yaw):
+        """RMS (H, 9) of what predictions miss on flights on this axis."""
+        ahead = [follower(log, observer_gain(log))(self.base, starts=predictable(log)[::WINDOW], steps=HORIZONS)[1] for log in self.on(yaw)]
+        return np.sqrt(np.mean(np.concatenate(ahead) ** 2, axis=0))
+
+    @lru_cache(maxsize=2)
+    def differ(self, yaw):
         """{effect: variances (p,)}: by how much healthy flights on this axis differ as if it acted, beyond noise."""
-        found = [FlightSearch(Innovations(platform, log, self.whitener, self.base)).feigned() for log in self.on(yaw)]
+        found = [_feigned(self.path(log, differ={})) for log in self.on(yaw)]
         if len(found) < 2:
             return {}
         return {
             name: np.maximum(np.mean([f[name][0] ** 2 - f[name][1] for f in found], axis=0), 0.0) * (usual_shows(found, name))
-            for name in platform.effects()
+            for name in effects()
         }
+
+    def path(self, log, parts=None, without=(), differ=None):
+        """The Path of a log beside these flights; parts: other noise than theirs."""
+        yaw = turns_yaw(log)
+        parts = parts or [(np.ones(len(log.x), bool), self.whitener)]
+        return Path(log, parts, self.missed(yaw), self.base, self.differ(yaw) if differ is None else differ, without)
+
+
+def _feigned(path):
+    """{effect: (its parameters by themselves, in usual sizes (p,), their variances)}, to first order."""
+    fitter, out = Fitter(path, path.noises.first(path)), {}
+    left = fitter.fit_of(()).left
+    for name, effect in path.effects.items():
+        changes = np.stack([path.response(name, i, FIRST) for i in range(len(effect.parameters))], -1)
+        J = fitter.whiten(changes, np.zeros_like(changes)) / FIRST
+        inverse = np.linalg.pinv(J.T @ J, rcond=1e-9)
+        out[name] = -inverse @ (J.T @ left), np.diag(inverse)
+    return out
 
 
 def usual_shows(found, name):

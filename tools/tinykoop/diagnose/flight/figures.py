@@ -6,7 +6,6 @@ from .. import words as said
 from ..figures import WIDTH, Panel, bars, extent, legend, note, over_time, stroke, svg
 from ..prediction_errors.ahead import HORIZONS, rms
 from . import words
-from .fit import active
 from .gap import attitude
 from .vehicle import ANGLES, CHANNELS, SMOOTHED, UNITS, measured
 from .where import BANDS, spectrum
@@ -58,18 +57,18 @@ def _axis(result):
 
 def predictions(result):
     """(axis, rows (W, n + 1), before, after (W, n + 1, 9)): one after the other, in the worst seconds of an axis."""
-    log, pieces, n, axis = result.log, result.pieces, HORIZONS[-1], _axis(result)
+    log, path, n, axis = result.log, result.path, HORIZONS[-1], _axis(result)
     rows = round(SECONDS / log.dt)
     missed = np.abs(result.before[:, -1, 6 + axis])
     inside = [(result.starts >= a) & (result.starts <= a + rows - n) for a in result.starts]
     worst = result.starts[int(np.argmax([rms(missed[part]) * part.sum() ** 0.5 for part in inside]))]
     starts = np.arange(worst, min(worst + rows - n, result.starts[-1]) + 1, n)
-    starts = starts[[log.usable[a : a + n].all() and bool(pieces.known[a]) for a in starts]]
+    starts = starts[[log.usable[a : a + n].all() and bool(path.known[a]) for a in starts]]
     steps = np.arange(1, n + 1)
     y = measured(log)
     out = []
     for causes in ((), result.fit.causes):
-        predicted = y[starts[:, None] + steps] - pieces.follow([*pieces.base, *active(causes)], starts=starts, steps=steps)[1]
+        predicted = y[starts[:, None] + steps] - path.ahead(causes, starts, steps)
         predicted = np.concatenate([y[starts][:, None], predicted], axis=1)
         predicted[..., ANGLES] = np.unwrap(predicted[..., ANGLES], axis=1)
         out.append(predicted)
@@ -108,7 +107,7 @@ def follow(result):
 
 def _spectra(result):
     """(frequencies, amplitudes (3, F, 9) a root Hz): of what is missed before, after, and on healthy flights."""
-    log, known = result.log, result.pieces.known[:, None]
+    log, known = result.log, result.path.known[:, None]
     f, before = spectrum(np.where(known, result.left[0], 0), log.dt)
     after = spectrum(np.where(known, result.left[1], 0), log.dt)[1]
     healthy = np.mean([spectrum(missed, flight.dt)[1] for flight, missed in result.healthy.flights], axis=0)

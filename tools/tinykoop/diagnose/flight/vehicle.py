@@ -4,7 +4,8 @@ import numpy as np
 from scipy import linalg
 
 from ... import bridge
-from ..robot import Parameter
+from ..prediction_errors.ahead import HORIZONS
+from ..prediction_errors.healthy import LAGS
 
 CHANNELS = ("gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z", "roll", "pitch", "yaw")
 UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3
@@ -14,29 +15,9 @@ COLUMNS = [0, 1, 2, 3, 4, 5, 7, 6, 8]  # of a log, in the order of CHANNELS
 # of the turbulent air that the observer allows for, m/s^2 and rad/s^2, and how long it lasts (host_sim/fwmav_flight.c, fwmav.h)
 AIR, LASTING = (0.3, 0.3, 0.3, 4.0, 4.0, 4.0), 0.1
 LIFT, CLIMBING, GRAVITY = 0.02, 2.0, 9.81  # weights that a height hold asks for, more or less, and how long, s; m/s^2
+SETTLE = 1.0  # s after the start of a log or a gap: how the vehicle moved is not known there
 NORTH = 0.3  # rad, from which on a heading is not zero
 SMOOTHED, MOMENT = 0.08, 0.2  # s: longer than a wing beat; in which a pilot's or planner's wishes change less than the vehicle moves
-
-
-class Fwmav:
-    """The vehicle of host_sim/fwmav.c. Vibration is measured, not fitted: it is noise."""
-
-    name = "fwmav"
-    curves = ()
-    lookalikes = {}
-    not_fitted = ("vibration",)
-    transient = ("gust",)  # shows when it sets in, and hardly after
-
-    def __init__(self):
-        self._effects = {
-            name: (block, tuple(Parameter(*row) for row in rows))
-            for name, (block, rows) in bridge.effects(self.name).items()
-            if name not in self.not_fitted
-        }
-
-    def effects(self):
-        """{name: (block, (Parameter, ..))} in the order of action."""
-        return self._effects
 
 
 def measured(log):
@@ -64,6 +45,22 @@ def heading(log):
     """Heading (rad) that the controller holds: zero where the vehicle took off, or else where the log has it mostly."""
     usual = float(np.median(np.unwrap(log.x[:, 8])))
     return usual if abs(usual) > NORTH else 0.0
+
+
+def settled(log):
+    """Rows that the observer has come to know."""
+    since = np.zeros(len(log.x), int)
+    for k in np.flatnonzero(log.usable):
+        since[k + 1] = since[k] + 1
+    return since >= max(round(SETTLE / log.dt), 2 * LAGS)
+
+
+def predictable(log):
+    """Rows that the observer knows and from which the longest horizon can be predicted."""
+    run = np.zeros(len(log.x), int)
+    for k in range(len(log.usable) - 1, -1, -1):
+        run[k] = run[k + 1] + 1 if log.usable[k] else 0
+    return np.flatnonzero(settled(log) & (run >= max(HORIZONS)))
 
 
 # ---- the observer ------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import numpy as np
 from scipy import signal
 
 from ..prediction_errors.ahead import HORIZONS
+from ..prediction_errors.fit import Fitter
 from .gap import attitude
 from .vehicle import ANGLES, CHANNELS
 
@@ -13,10 +14,11 @@ SEGMENT = 200  # rows of a spectrum
 LOUD = 1.3  # times the noise of healthy flights, from which on a band is named
 
 
-def explained(pieces, left, fit):
+def explained(path, fit):
     """What is systematic of the squared whitened innovations (K, 9): what the effects take away, or all beyond noise if there are none."""
-    before, after = (pieces.white(missed) ** 2 for missed in left)
-    return before - after if fit.causes else np.where(pieces.known[:, None], before - 1, 0.0)
+    fitter = Fitter(path, path.noises.first(path))
+    before, after = (fitter.fit_of(causes).left.reshape(path.present.shape) ** 2 for causes in ((), fit.causes))
+    return before - after if fit.causes else np.where(path.known[:, None], before - 1, 0.0)
 
 
 def channels(systematic):

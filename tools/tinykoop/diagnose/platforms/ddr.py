@@ -4,6 +4,7 @@ import numpy as np
 
 from ... import bridge
 from .. import features
+from ..prediction_errors import noise
 from ..prediction_errors.fit import Effect
 from ..robot import Parameter
 
@@ -83,6 +84,7 @@ def _short(angle):
 class Path:
     """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading."""
 
+    noises, matters_ahead, stray, alike_rows, alias = noise, True, True, 1, 1.0
     channels = ("longitudinal", "lateral", "heading")
     alike = np.array([0, 0, 1])
     finest = FINEST

@@ -50,6 +50,7 @@ STEADY = 0.02  # share that commands of one kind vary by
 class Path:
     """The log as the engine takes it. Deviations are in the states' own axes."""
 
+    noises, matters_ahead, stray, alike_rows, alias = noises, True, True, 1, 1.0
     lookalikes = ()
     tiny = TINY
 

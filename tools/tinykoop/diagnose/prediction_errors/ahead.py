@@ -2,12 +2,9 @@
 
 import numpy as np
 
-from .noise import CORRELATED, WHITE
-
 HORIZONS = (1, 10, 50)
 FOLDS, BLOCK = 4, 4.0  # of the log, in blocks of so many seconds
 DRAWS = 400
-FAR = 100.0  # times the variance, that an outlier counts for: what is farther off is not noise
 SHOWS = 0.15  # of the noise, that a gap must stand out by to have a percentage
 
 
@@ -22,31 +19,8 @@ def starts_of(path):
 
 def floor(path, noise, starts):
     """{gap: (S, H)}: error of a perfect model, which starts at what was measured and is compared with what was measured."""
-    n, r, c = len(path.spread), len(noise.process), len(noise.sensor)
-    coloured, shown = noise.sensor_rho > CORRELATED, np.isfinite(path.present)
-    outliers = np.where(shown, np.minimum(path.present, FAR), 0).sum(0) / np.maximum(shown.sum(0), 1)
-    tint = np.where(coloured, noise.sensor**2, 0.0)
-    white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
-    P = np.zeros((len(starts), n + r + c, n + r + c))
-    back = np.linalg.pinv(path.C)
-    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + path.unsure(noise)[starts]
-    P[:, n : n + r, n : n + r] = np.eye(r)
-    P[:, n + r :, n + r :] = np.diag(tint)
-    P[:, :n, n + r :] = -back @ np.diag(tint)
-    P[:, n + r :, :n] = P[:, :n, n + r :].swapaxes(1, 2)
-    drive = np.diag(np.concatenate([np.zeros(n), 1 - noise.process_rho**2, (1 - noise.sensor_rho**2) * tint]))
-    F = np.zeros_like(P)
-    F[:, n : n + r, n : n + r] = np.diag(noise.process_rho)
-    F[:, n + r :, n + r :] = np.diag(noise.sensor_rho)
-    H = np.concatenate([path.C, np.zeros((c, r)), np.eye(c)], 1)
-    out = np.empty((len(starts), len(HORIZONS), c))
-    for k in range(1, HORIZONS[-1] + 1):
-        rows = np.minimum(starts + k - 1, len(path.A) - 1)
-        F[:, :n, :n], F[:, :n, n : n + r] = path.A[rows], path.G[rows] * noise.process
-        P = F @ P @ F.swapaxes(1, 2) + drive
-        if k in HORIZONS:
-            out[:, HORIZONS.index(k)] = np.einsum("ij,sjk,ik->si", H, P, H) + white
-    return {gap: np.sqrt(out[..., list(axes)].sum(-1)) for gap, (_, axes) in path.gaps.items()}
+    variance = path.noises.ahead(path, noise, starts, HORIZONS)
+    return {gap: np.sqrt(variance[..., list(axes)].sum(-1)) for gap, (_, axes) in path.gaps.items()}
 
 
 def _folds(path):
@@ -80,16 +54,21 @@ def errors(path, causes, starts):
     return sizes(path, path.ahead(causes, starts, HORIZONS))
 
 
-def after(fitter, fit, starts):
-    """{gap: errors (S, H)}, each prediction with the sizes of the other folds."""
+def missed(fitter, fit, starts):
+    """Measured less predicted (S, H, c), each prediction with the sizes of the other folds."""
     path, fold = fitter.path, _folds(fitter.path)[starts]
     if not fit.causes:
-        return errors(path, (), starts)
-    out = {gap: np.full((len(starts), len(HORIZONS)), np.nan) for gap in path.gaps}
-    for f, causes in enumerate(held_out(fitter, fit)):
-        for gap, values in errors(path, causes, starts[fold == f]).items():
-            out[gap][fold == f] = values
+        return path.ahead((), starts, HORIZONS)
+    parts = {f: path.ahead(causes, starts[fold == f], HORIZONS) for f, causes in enumerate(held_out(fitter, fit)) if (fold == f).any()}
+    out = np.empty((len(starts), *next(iter(parts.values())).shape[1:]))
+    for f, part in parts.items():
+        out[fold == f] = part
     return out
+
+
+def after(fitter, fit, starts):
+    """{gap: errors (S, H)} of missed()."""
+    return sizes(fitter.path, missed(fitter, fit, starts))
 
 
 def moved(path, causes, others, starts):

@@ -47,7 +47,7 @@ def answer(path):
     search.at(whole)
     path.tell_hidden(whole.noise)
     starts = ahead.starts_of(path)
-    state, small = judge.paying(search, whole, starts)
+    state, small = judge.paying(search, whole, starts) if path.matters_ahead else (whole, [])
     missed = ahead.after(search.at(whole), whole.fit, starts) if small else None
     fitter = search.at(state)
     before, floor = ahead.errors(path, (), starts), ahead.floor(path, state.noise.quiet(path), starts)

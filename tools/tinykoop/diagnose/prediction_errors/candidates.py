@@ -10,6 +10,7 @@ from .fit import ALWAYS, Cause
 SHOWS = 1.0  # norm of what a candidate does beside the others
 LIMIT = 0.3  # share of a range in which a linear effect begins
 ALONG = 0.5  # of what a candidate would gain at another size, that is promised
+MARK = 1.5  # s, of what shows when an effect sets in
 
 
 class _Beside:
@@ -54,7 +55,8 @@ def _best_start(effect, causes, columns, left):
 def _whole(beside, effects, segments):
     """[(gain, Cause)] of every effect that is not in the fit and does something."""
     fit, found = beside.fit, []
-    trials = [Cause(n, start, segments) for n, e in effects.items() if n not in fit.names for start in e.starts]
+    names = [n for n, e in effects.items() if n not in fit.names and not e.transient]
+    trials = [Cause(n, start, segments) for n in names for start in effects[n].starts]
     if not trials:
         return []
     path = beside.fitter.path
@@ -81,10 +83,29 @@ def _in_time(beside, gain, cause, margin):
     return best - price, _sized(cause, effect, np.array(cause.params) * scale) if effect.linear else cause
 
 
+def _onset(beside, effect, price):
+    """(gain less the price, Cause) of what shows when it sets in: from where on its mark fits best, at any size."""
+    path, fit = beside.fitter.path, beside.fit
+    K = len(path.t)
+    middle, last = K // 2, K - 1 - spans.SHORT
+    rows = slice(middle, min(middle + round(MARK / path.dt), last))
+    trials = [Cause(effect.name, start, ((float(path.t[middle]), np.inf),)) for start in effect.starts]
+    marks = beside.fitter.whiten(*spans.beside(path, fit.causes, [(*fit.causes, c) for c in trials])).reshape(K, -1, len(trials))[rows]
+    left = beside.left.reshape(K, -1)
+    slopes = np.stack([sum(np.correlate(left[:, c], mark[:, c], "valid") for c in range(left.shape[1])) for mark in np.moveaxis(marks, 2, 0)], 1)
+    weights = -np.linalg.solve(np.einsum("kcp,kcq->pq", marks, marks) + 1e-12 * np.eye(len(trials)), slopes.T).T
+    gains = -(weights * slopes).sum(1)
+    k = int(gains.argmax())
+    cause = replace(trials[0], segments=((float(path.t[k]), np.inf),))
+    return float(gains[k]) - price, _sized(cause, effect, np.array([c.params for c in trials]).T @ weights[k])
+
+
 def candidates(fitter, fit, segments=None, margin=0.0):
     """[(promise, Cause)], best first. segments: when they act, if that is not asked, too."""
     beside = _Beside(fitter, fit)
     found = _whole(beside, fitter.effects, segments or ALWAYS)
     if segments is None:
-        found += [timed for gain, cause in found if (timed := _in_time(beside, gain, cause, margin))]
+        sudden = [effect for name, effect in fitter.effects.items() if effect.transient and name not in fit.names]
+        found += [_onset(beside, effect, np.log(fitter.degrees)) for effect in sudden]
+        found += [timed for gain, cause in found if cause.segments == ALWAYS and (timed := _in_time(beside, gain, cause, margin))]
     return sorted(found, key=lambda f: -f[0])

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..robot import Parameter
-from . import noise as noises
 
 ALWAYS = ((-np.inf, np.inf),)
 STEP = 1e-3  # of a parameter's usual size, by which slopes are taken
@@ -27,6 +26,7 @@ class Effect:
     threshold: bool = False  # no slope tells its size
     curve: bool = False  # a log seldom settles its parameters one by one
     steady: bool = True  # half of it does about half of what it does
+    transient: bool = field(default=False, kw_only=True)  # shows when it sets in, and hardly after
 
     @property
     def scale(self):
@@ -103,7 +103,7 @@ class Fitter:
 
     def whiten(self, D, E):
         """What steps that end D (K, n, q) beside the path, and readings missed by E (K, c, q), make of the residual (n, q)."""
-        return noises.whitened(self.path, self.noise, D, E)[0].reshape(-1, D.shape[-1])
+        return self.path.noises.whitened(self.path, self.noise, D, E)[0].reshape(-1, D.shape[-1])
 
     def fit_of(self, causes):
         causes = tuple(causes)

@@ -15,6 +15,7 @@ RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held all along
+MISTAKABLE = 0.8  # likewise beside an effect that does nearly the same
 CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows apart, are not those of the noise that is told
 SPREAD = 50  # rows of a block that counts as one observation
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
@@ -107,14 +108,14 @@ def proofs(search, fit, rests, every, left):
         worth = max(rest.cost - fit.cost, 0.0)
         absorbed = {r.causes[-1].name: float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
         behind = {r.causes[-1].name: r.cost - fit.cost for r in rivals}
-        others = [n for n, d in behind.items() if d < search.price and absorbed[n] > 0.5]
+        others = [n for n, d in behind.items() if (d < search.price and absorbed[n] > 0.5) or absorbed[n] > search.path.alias]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
         heat = 2.0 * (1 + 50 * left.share)
         odds = {n: np.exp(-min(max(d, 0) / heat, 700)) for n, d in [*behind.items(), ("", worth)]}
         same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
         sure = (1 - left.share) / (1 + sum(odds.values())) * (DOUBT if left.shows or alike else 1.0)
-        sure = min(sure, UNSURE if search.path.steady else 1.0)
+        sure = min(sure, UNSURE if search.path.steady else 1.0, MISTAKABLE if max(absorbed.values(), default=0) > search.path.alias else 1.0)
         out.append(Proof(float(worth), float(sure / (1 + same)), tuple(others), rest, absorbed, float(sure)))
     return out
 
@@ -144,8 +145,8 @@ def _left_in(path, noise, before, after, starts, gap):
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
     missed = ahead.rms(after[usual, h])
     missed = missed if missed > STANDS_OUT * whole else 0.0
-    moved = np.sqrt(max(whole**2 - sensor**2, 1e-18))
-    gap_left, of = float(max(moved, missed)), float(np.sqrt(max(ahead.rms(before)[h] ** 2 - sensor**2, 1e-18)))
+    moved = np.sqrt(max(whole**2 - sensor**2, 0.0))
+    gap_left, of = float(max(moved, missed)), float(np.sqrt(max(ahead.rms(before)[h] ** 2 - sensor**2, 0.0)))
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise)), path.gaps[gap][0])
 
 
@@ -236,7 +237,7 @@ def untestable(search, fit):
     fitter, out = search.fitter, []
     J = fitter.jacobian(fit)
     Q = np.linalg.qr(J)[0] if J.shape[1] else J
-    names = [n for n in fitter.effects if n not in fit.names]
+    names = [n for n, e in fitter.effects.items() if n not in fit.names and not e.transient]
     if not names:
         return out
     trials = [(*fit.causes, Cause(n, tuple(p.usual for p in fitter.effects[n].parameters))) for n in names]

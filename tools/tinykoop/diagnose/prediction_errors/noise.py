@@ -11,6 +11,7 @@ QUIET = 2e-4  # of the usual speed: less random motion than that is none
 CORRELATED = 1e-2  # of a row with the next, below which sensor noise is white
 BEGIN = (0.3, 0.6, 0.85)  # correlations from which a search of it begins
 SHARES = (0.0, 0.01, 0.03, 0.1)  # of the usual speed, that random motion may be where a search of it begins
+FAR = 100.0  # times the variance, that an outlier counts for: what is farther off is not noise
 WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter well conditioned
 SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
@@ -65,6 +66,35 @@ def whitened(path, noise, D, E):
         path.begins, path.A, path.G, variance, SPREAD * path.spread, path.C, noise.process, noise.process_rho,
         np.where(coloured, noise.sensor, 0.0), np.where(coloured, noise.sensor_rho, 0.0), D, E,
     )  # fmt: skip
+
+
+def ahead(path, noise, starts, horizons):
+    """Variances (S, H, c) of what a perfect model misses, which starts at what was measured and is compared with what was measured."""
+    n, r, c = len(path.spread), len(noise.process), len(noise.sensor)
+    coloured, shown = noise.sensor_rho > CORRELATED, np.isfinite(path.present)
+    outliers = np.where(shown, np.minimum(path.present, FAR), 0).sum(0) / np.maximum(shown.sum(0), 1)
+    tint = np.where(coloured, noise.sensor**2, 0.0)
+    white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
+    P = np.zeros((len(starts), n + r + c, n + r + c))
+    back = np.linalg.pinv(path.C)
+    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + path.unsure(noise)[starts]
+    P[:, n : n + r, n : n + r] = np.eye(r)
+    P[:, n + r :, n + r :] = np.diag(tint)
+    P[:, :n, n + r :] = -back @ np.diag(tint)
+    P[:, n + r :, :n] = P[:, :n, n + r :].swapaxes(1, 2)
+    drive = np.diag(np.concatenate([np.zeros(n), 1 - noise.process_rho**2, (1 - noise.sensor_rho**2) * tint]))
+    F = np.zeros_like(P)
+    F[:, n : n + r, n : n + r] = np.diag(noise.process_rho)
+    F[:, n + r :, n + r :] = np.diag(noise.sensor_rho)
+    H = np.concatenate([path.C, np.zeros((c, r)), np.eye(c)], 1)
+    out = np.empty((len(starts), len(horizons), c))
+    for k in range(1, max(horizons) + 1):
+        rows = np.minimum(starts + k - 1, len(path.A) - 1)
+        F[:, :n, :n], F[:, :n, n : n + r] = path.A[rows], path.G[rows] * noise.process
+        P = F @ P @ F.swapaxes(1, 2) + drive
+        if k in horizons:
+            out[:, horizons.index(k)] = np.einsum("ij,sjk,ik->si", H, P, H) + white
+    return out
 
 
 class _Vector:

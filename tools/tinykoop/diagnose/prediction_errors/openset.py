@@ -20,9 +20,9 @@ def forward(gram, slope, most=MOST):
     return chosen, weights
 
 
-def depends(search, state):
-    """[{on, channel, share}] of what is left where the sensor alone would make noise, largest share first."""
-    path, fitter = search.path, search.without_motion(state)
+def gains(search, state):
+    """({(function, channel): squares that it takes of what the sensor does not explain, on rows that it was not fitted on}, all squares)."""
+    path, fitter = search.path, search.views[-1](state)
     fit = fitter.fit_of(state.fit.causes)
     names, pushes = path.generic()
     columns = fitter.whiten(pushes, np.zeros((*path.present.shape, pushes.shape[-1])))
@@ -36,12 +36,17 @@ def depends(search, state):
     share = {}
     for b in range(BLOCKS):
         chosen, weights = forward(grams.sum(0) - grams[b], slopes.sum(0) - slopes[b])
-        gains = 2 * weights * slopes[b][chosen] - weights * (grams[b][np.ix_(chosen, chosen)] @ weights)
-        for i, gain in zip(chosen, gains):
+        taken = 2 * weights * slopes[b][chosen] - weights * (grams[b][np.ix_(chosen, chosen)] @ weights)
+        for i, gain in zip(chosen, taken):
             feature, channel = names[keep[i]]
             key = path.dependence(feature), path.channels[channel]
             share[key] = share.get(key, 0.0) + float(gain)
     search.at(state)
-    whole = max(float(fit.left @ fit.left), 1e-12)
-    found = sorted(((s / whole, *key) for key, s in share.items() if s > 0), reverse=True)
-    return [{"on": on, "channel": channel, "share": s} for s, on, channel in found[:4]]
+    return share, max(float(fit.left @ fit.left), 1e-12)
+
+
+def depends(found):
+    """[{on, channel, share}] of gains(), largest share first."""
+    found, whole = found
+    largest = sorted(((gain / whole, *key) for key, gain in found.items() if gain > 0), reverse=True)
+    return [{"on": on, "channel": channel, "share": share} for share, on, channel in largest[:4]]

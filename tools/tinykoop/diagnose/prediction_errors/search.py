@@ -47,10 +47,11 @@ class Search(States):
 
     def widened(self, state):
         """The best state with one cause more: of those likely by the noise as it is, and the likeliest if that hid it."""
-        found, hidden = (
-            [cause for _, cause in _first(self.candidates(fitter(state).fit_of(state.causes)), count)]
-            for fitter, count in ((self.at, LIKELY), (self.without_motion, HIDDEN))
+        found, *rest = (
+            [cause for _, cause in _first(self.candidates(view(state).fit_of(state.causes)), count)]
+            for view, count in zip(self.views, (LIKELY, HIDDEN))
         )
+        hidden = sum(rest, [])
         refined = {cause: self.refined(state, (*state.causes, cause), 5) for cause in dict.fromkeys((*found, *hidden))}
         fits = sorted(refined.values(), key=self.priced)
         close = [f for f in fits[:TRIED] if state.fit.cost - f.cost >= CLOSE * (state.fit.cost - fits[0].cost)]
@@ -62,7 +63,7 @@ class Search(States):
         better = state
         while better:
             state = better
-            better = self._toggled(state, self.at) or self._toggled(state, self.without_motion)
+            better = next((found for view in self.views if (found := self._toggled(state, view))), None)
         return state
 
     def _toggled(self, state, fitter_at):

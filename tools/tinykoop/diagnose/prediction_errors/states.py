@@ -38,9 +38,9 @@ class States:
 
     def __init__(self, path):
         self.path = path
-        self.fitter = Fitter(path, noises.first(path))
+        self.fitter = Fitter(path, path.noises.first(path))
         self.sensor = self.fitter.noise
-        self.digit = np.log(self.fitter.degrees)
+        self.digit = np.log(self.fitter.degrees / path.alike_rows)
         self.price = self.digit + 2 * np.log(max(len(path.effects), 2))
 
     def worth(self, state):
@@ -64,6 +64,11 @@ class States:
         sensor = np.minimum(state.noise.sensor, LOUDER * self.sensor.sensor)
         return self.at(replace(state, noise=replace(state.noise.quiet(self.path), sensor=sensor)))
 
+    @property
+    def views(self):
+        """Fitters of a state: by its noise, and by what the sensor alone makes if random motion is in that."""
+        return (self.at, self.without_motion) if len(self.path.usual) else (self.at,)
+
     def refined(self, state, causes, steps=8):
         """The Fit of causes, from their sizes, under the noise of a state."""
         fitter = self.at(state)
@@ -85,7 +90,7 @@ class States:
     def likeliest(self, fit, rounds=noises.ROUNDS, coloured=None):
         """The State of a fit's causes with the noise that suits them, from the fitter's."""
         D, E = self.path.steps([fit.causes])
-        self.fitter.noise, deviance = noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
+        self.fitter.noise, deviance = self.path.noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
         fit = self.fitter.fit_of(fit.causes)
         return State(deviance + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant)
 
@@ -132,7 +137,7 @@ class States:
 
     def robust(self, state):
         """With rows that stand alone counted as noisier: a reading that is off, after which the next are not."""
-        for _ in range(OUTLIERS):
+        for _ in range(OUTLIERS if self.path.stray else 0):
             size = np.abs(self.at(state).fit_of(state.causes).left.reshape(self.path.present.shape))
             usual = np.maximum(ndimage.median_filter(size, (AROUND, 1)) / 0.6745, 1.0)
             if not (size > OUT * usual).any():

@@ -204,6 +204,14 @@ def test_trim_that_jumps():
     assert report["contributions"]["trim_bias"]["50"] > 0.05
 
 
+def test_gust_is_named_from_the_row_on_that_it_sets_in():
+    (found,) = answer("hover", 507, bridge.Effect("gust", (0.6, -0.4), 9.0))["effects"]
+    assert found["name"] == "gust" and abs(found["segments"][0][0] - 9.0) < 0.05
+    for name, true in (("wx", 0.6), ("wy", -0.4)):
+        low, high = found["params_ci95"][name]
+        assert low < true < high and high - low < 0.5
+
+
 def test_vibration_is_measured():
     report = answer("yaw", 504, bridge.Effect("vibration", (0.5,)))
     (found,) = report["effects"]

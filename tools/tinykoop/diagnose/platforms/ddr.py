@@ -4,7 +4,7 @@ import numpy as np
 
 from ... import bridge
 from .. import features
-from ..prediction_errors import noise
+from ..prediction_errors import path
 from ..prediction_errors.fit import Effect
 from ..robot import Parameter
 
@@ -81,16 +81,14 @@ def _short(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-class Path:
+class Path(path.Path):
     """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading."""
 
-    noises, matters_ahead, stray, alike_rows, alias = noise, True, True, 1, 1.0
     channels = ("longitudinal", "lateral", "heading")
     alike = np.array([0, 0, 1])
     finest = FINEST
     C = np.eye(3)
     lookalikes = LOOKALIKES
-    tiny = 0.0  # of its usual size: no effect is too small for that alone
     command_names = ("v", "omega")
     variants = tuple(title for title, _ in VARIANTS)
 
@@ -159,31 +157,10 @@ class Path:
         """What one step with each trial's causes ends beside the path (K, 3, trials), and by how much it misses poses (K, 3, trials)."""
         return np.stack([self._beside(causes) for causes in trials], -1), np.repeat(self.E[..., None], len(trials), -1)
 
-    def about(self, causes):
-        """steps() is exact everywhere."""
-        return False
-
-    spent = False  # whether the simulator was asked so much that no further cause is looked for
-
-    def bends(self, causes):
-        """Steps end where they end, whatever a sensor shows."""
-        return False
-
-    def refer(self, causes, noise):
-        """The path is what was measured, whatever the causes."""
-        return False
-
     def pass_over(self, good):
         """Takes as the path what was measured in the rows that are good (K,), and lines between them."""
         rows = np.arange(len(good))
         self._follow(np.stack([np.where(good, x, np.interp(rows, rows[good], x[good])) for x in self.X.T], 1))
-
-    def tell_hidden(self, noise):
-        """Nothing is hidden."""
-
-    def unsure(self, noise):
-        """Covariances (K, 3, 3) of states that nothing measures: there are none."""
-        return np.zeros_like(self.A)
 
     @staticmethod
     def most_starts(horizon):
@@ -221,11 +198,6 @@ class Path:
         return max(SMALLEST * turn, SMALLEST_NOISE * noise.sensor[2], SMALLEST_TURN)
 
     gaps = {"position": ("m", (0, 1)), "heading": ("rad", (2,))}
-
-    @staticmethod
-    def preference(name):
-        """Of the names that one effect may have, none is preferred."""
-        return 0
 
     dependence = staticmethod(features.dependence)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ... import bridge
 from ..flight.vehicle import ANGLES, CHANNELS, follower, heading, measured, observer_gain, settled, turns_yaw
+from ..prediction_errors import path
 from ..prediction_errors.fit import Effect
 from ..prediction_errors.healthy import Healthy
 from ..robot import Parameter
@@ -43,7 +44,7 @@ def effects():
     return found
 
 
-class Path:
+class Path(path.Path):
     """A flight as the engine takes it: what is told of a step is the observer's innovation, measured less predicted.
 
     base: effects that a healthy vehicle has too. parts, missed: as Healthy takes them. differ: {effect: variances of its parameters,
@@ -52,8 +53,8 @@ class Path:
 
     channels = tuple(f"{how} {axis}" for how in ("along", "about") for axis in AXES)  # generic accelerations
     gaps = {"attitude": ("rad", tuple(range(*ANGLES.indices(len(CHANNELS)))))}
-    lookalikes, tiny, usual = {}, 0.0, np.zeros(0)
-    variants, variant, steady, spent = (("as it flies", 0.0),), 0, False, False
+    usual = np.zeros(0)  # random motion is in the noise of healthy flights
+    variants, variant = ("as it flies",), 0
     alike_rows = 50  # that tell about as much as one: a manoeuvre lasts half a second
     alias = 0.9  # share of what an effect does, from which on another that does it may be it: the simulator is not that exact
     stray = False  # rows that stand alone are the air's, as when a gust sets in
@@ -117,20 +118,6 @@ class Path:
     def step_by(self, variant):
         """There is but one."""
 
-    def about(self, causes):
-        """steps() is exact everywhere."""
-        return False
-
-    def bends(self, causes):
-        """The path is the log's, whatever a sensor shows."""
-        return False
-
-    def refer(self, causes, noise):
-        return False
-
-    def tell_hidden(self, noise):
-        """The observer tells what is hidden."""
-
     @staticmethod
     def most_starts(horizon):
         return WINDOWS
@@ -142,13 +129,6 @@ class Path:
     def smallest_of(self, gap, noise, rows=50):
         """A gap that matters, rad."""
         return SMALLEST * float(np.sqrt((self.noises.missed[-1, list(self.gaps[gap][1])] ** 2).sum()))
-
-    @staticmethod
-    def preference(name):
-        """Of the names that one effect may have, none is preferred."""
-        return 0
-
-    dependence = staticmethod(lambda name: name)
 
     def generic(self):
         """[((function, acceleration))], what accelerations of the body by plain functions of command, motion and time change (K, 9, q)."""

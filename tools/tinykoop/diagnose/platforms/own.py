@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from ..prediction_errors import noise as noises
-from ..prediction_errors import smooth
+from ..prediction_errors import path, smooth
 from ..robot import RunsAway
 from ..robots import features
 from ..robots.actions import Stepper, idle
@@ -47,11 +47,9 @@ CORNERS = 1.5  # likewise of a path that is cut: what still shorter steps would 
 STEADY = 0.02  # share that commands of one kind vary by
 
 
-class Path:
+class Path(path.Path):
     """The log as the engine takes it. Deviations are in the states' own axes."""
 
-    noises, matters_ahead, stray, alike_rows, alias = noises, True, True, 1, 1.0
-    lookalikes = ()
     tiny = TINY
 
     @property
@@ -528,7 +526,6 @@ class Path:
         return max(SMALLEST * way, (CORNERS if self.cut else SMALLEST_NOISE) * np.sqrt(np.mean(noise.sensor[axes] ** 2)))
 
     preference = staticmethod(preference)
-    dependence = staticmethod(lambda name: name)
 
     def generic(self):
         """[((function, state))], pushes (K, n, q) by plain functions of states and commands."""

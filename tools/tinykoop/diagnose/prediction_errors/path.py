@@ -1,0 +1,53 @@
+"""What the engine asks of a log and its simulator: a platform says the rest."""
+
+import numpy as np
+
+from . import noise
+
+
+class Path:
+    """A log of K rows, with values and answers that suit a simulator whose steps can be asked for at any time.
+
+    A platform has also: t, dt, rows, breaks, begins, whole, settled (rows and their times); measured, present, finest, alike, channels,
+    gaps (what is compared); A, G, C, spread, usual (slopes along the path, for noise); effects, variants, variant; and steps(), ahead(),
+    step_by(), most_starts(), smallest_of(), generic().
+    """
+
+    noises = noise  # or another that has first(), whitened(), likeliest() and ahead()
+    lookalikes: dict = {}  # {effects that together look like something that is no effect here: what}
+    tiny = 0.0  # of its usual size: what is less does not matter
+    steady = False  # whether one command was held all along
+    spent = False  # whether the simulator was asked so much that no further cause is looked for
+    matters_ahead = True  # whether a cause must close a part of the gap of predictions
+    stray = True  # whether rows that stand alone are outliers
+    alike_rows = 1  # rows that tell about as much as one
+    alias = 1.0  # share of what an effect does, from which on another that does it may be it, however good the fit
+
+    def about(self, causes):
+        """Makes steps() exact at these causes; whether they were not. Here they are everywhere."""
+        return False
+
+    def bends(self, causes):
+        """Whether causes have the path elsewhere: steps end where they end, whatever a sensor shows."""
+        return False
+
+    def refer(self, causes, noise):
+        """Looks for the path anew with these causes; whether it did. Here it is what was measured."""
+        return False
+
+    def tell_hidden(self, noise):
+        """Looks for hidden states by this noise: there are none."""
+
+    def unsure(self, noise):
+        """Covariances (K, n, n) of states that nothing measures: there are none."""
+        return np.zeros_like(self.A)
+
+    @staticmethod
+    def preference(name):
+        """Rank of one of the names that an effect may have: none is preferred."""
+        return 0
+
+    @staticmethod
+    def dependence(name):
+        """What a function of generic() is called."""
+        return name

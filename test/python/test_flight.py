@@ -168,6 +168,21 @@ def test_whitening_is_linear():
     np.testing.assert_allclose(both, 2 * parts[..., 0] - 0.5 * parts[..., 1], atol=1e-9)
 
 
+def test_innovations_are_the_same_whether_they_are_kept(monkeypatch):
+    """However long the log: at least those asked for last are kept."""
+    from tinykoop.diagnose.platforms import fwmav
+    from tinykoop.diagnose.prediction_errors.fit import Cause
+
+    log = bridge.fwmav("hover", 5, 5)[0]
+    causes = (Cause("gain", (0.1,)),)
+    kept = simulated().path(log).innovations(causes)
+    monkeypatch.setattr(fwmav, "KEPT", 1.0)
+    path = simulated().path(log)
+    path.innovations(())
+    np.testing.assert_array_equal(path.innovations(causes), kept)
+    np.testing.assert_array_equal(path.innovations(causes), kept)
+
+
 # ---- answers ------------------------------------------------------------------------------------
 
 

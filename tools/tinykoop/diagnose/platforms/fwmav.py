@@ -103,11 +103,10 @@ class Path(path.Path):
     def innovations(self, causes):
         """Less the mean of healthy ones (K, 9), with causes; 0 where there are none."""
         causes = tuple(causes)
-        if causes not in self._seen:
-            self._seen[causes] = self._missed(acting(causes))
-            if len(self._seen) * self.present.nbytes > KEPT:
-                self._seen.popitem(last=False)
-        self._seen.move_to_end(causes)
+        known = self._seen.pop(causes, None)
+        self._seen[causes] = self._missed(acting(causes)) if known is None else known
+        while len(self._seen) > 1 and len(self._seen) * self.present.nbytes > KEPT:
+            self._seen.popitem(last=False)
         return self._seen[causes]
 
     def steps(self, trials):

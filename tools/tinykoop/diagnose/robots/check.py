@@ -67,7 +67,7 @@ def misfit(robot, log, sigma, count):
 
 def _quiet(path, sigma):
     """The Fitter by what the sensors alone would make."""
-    return Fitter(path, replace(noises.first(path), sensor=sigma))
+    return Fitter(path, replace(noises.first(path), sensor=np.maximum(sigma, path.finest)))
 
 
 def _state(log, robot, i, change):

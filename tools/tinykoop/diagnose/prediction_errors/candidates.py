@@ -106,6 +106,6 @@ def candidates(fitter, fit, segments=None, margin=0.0):
     found = _whole(beside, fitter.effects, segments or ALWAYS)
     if segments is None:
         sudden = [effect for name, effect in fitter.effects.items() if effect.transient and name not in fit.names]
-        found += [_onset(beside, effect, np.log(fitter.degrees)) for effect in sudden]
+        found += [_onset(beside, effect, 2 * np.log(fitter.degrees)) for effect in sudden]
         found += [timed for gain, cause in found if cause.segments == ALWAYS and (timed := _in_time(beside, gain, cause, margin))]
     return sorted(found, key=lambda f: -f[0])

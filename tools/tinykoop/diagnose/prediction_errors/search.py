@@ -68,6 +68,6 @@ class Search(States):
 
     def _toggled(self, state, fitter_at):
         fitter = fitter_at(state)
-        fit = spans.toggled(fitter, fitter.fit_of(state.causes), 2 * self.digit + MARGIN)
+        fit = spans.toggled(fitter, fitter.fit_of(state.causes), 2 * self.edge + MARGIN)
         better = fit and self.settled(state, fit)
         return better if better and self.worth(better) < self.worth(state) - MARGIN else None

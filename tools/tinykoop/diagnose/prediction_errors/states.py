@@ -40,7 +40,7 @@ class States:
         self.path = path
         self.fitter = Fitter(path, path.noises.first(path))
         self.sensor = self.fitter.noise
-        self.digit = np.log(self.fitter.degrees / path.alike_rows)
+        self.digit, self.edge = np.log(self.fitter.degrees / path.alike_rows), np.log(self.fitter.degrees)
         self.price = self.digit + 2 * np.log(max(len(path.effects), 2))
 
     def worth(self, state):
@@ -48,9 +48,13 @@ class States:
         return state.deviance + self.costs(state.causes)
 
     def costs(self, causes):
-        """Price of causes: of each, of each parameter beyond the first, of each edge in time."""
+        """Price of causes: of each, of each parameter beyond the first, of each edge in time, which may be in any row.
+
+        A mark that shows in a moment is looked for in every row: it costs another edge.
+        """
         edges = sum(np.isfinite(edge) for c in causes for span in c.segments for edge in span)
-        return self.price * len(causes) + self.digit * (0.5 * sum(len(c.params) - 1 for c in causes) + edges)
+        edges += sum(self.fitter.effects[c.name].transient for c in causes)
+        return self.price * len(causes) + self.digit * 0.5 * sum(len(c.params) - 1 for c in causes) + self.edge * edges
 
     def at(self, state):
         """The fitter with the noise of a state."""

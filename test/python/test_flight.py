@@ -294,3 +294,11 @@ def test_flight_in_shreds_is_refused(tmp_path):
 def test_unknown_effect_is_refused():
     with pytest.raises(UserError, match="there is no such effect"):
         diagnosis.diagnose(NOISY, without=["slip"])
+
+
+def test_log_behind_the_healthy_one_is_not_taken_for_another():
+    from tinykoop import cli
+    from tinykoop.blind import DIAGNOSE, injected
+
+    given = cli.parser().parse_args([*injected._command("healthy.csv")[len(DIAGNOSE) - 1 :], "log.csv"])
+    assert given.log == ["log.csv"] and given.healthy == ["healthy.csv"]

@@ -51,7 +51,12 @@ def _one(name, data, healthy):
         paths = [Path(folder) / file for file in ("log.csv", "healthy.csv")]
         for path, content in zip(paths, (data, healthy)):
             path.write_bytes(content)
-        return name, Command((*DIAGNOSE, "--platform", "fwmav", "--healthy", str(paths[1])))(paths[0], None)
+        return name, Command(_command(paths[1]))(paths[0], None)
+
+
+def _command(healthy):
+    """A log follows: with a space behind it, --healthy would take that log, too."""
+    return (*DIAGNOSE, "--platform", "fwmav", f"--healthy={healthy}")
 
 
 def run(out, path, jobs=None):

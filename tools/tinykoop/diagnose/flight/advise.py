@@ -6,7 +6,7 @@ import numpy as np
 
 from ... import bridge
 from ...plumbing.errors import UserError
-from ..platforms.fwmav import Path, acting
+from ..platforms.fwmav import acting
 from ..prediction_errors.fit import ALWAYS, Cause, Fitter
 
 MENU = {"hover": "hold still", "pitch": "tip to and fro", "yaw": "turn to and fro"}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ... import bridge
-from ..flight.vehicle import ANGLES, CHANNELS, follower, heading, measured, observer_gain, settled, turns_yaw
+from ..flight.vehicle import ANGLES, CHANNELS, follower, observer_gain, settled, turns_yaw
 from ..prediction_errors import path
 from ..prediction_errors.fit import Effect
 from ..prediction_errors.healthy import Healthy

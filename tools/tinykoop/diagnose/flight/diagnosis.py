@@ -80,9 +80,9 @@ def _shaken(log, healthy):
 
 def baseline_of(log):
     """The Baseline of the vehicle that a healthy flight shows: noise and effects by turns, as each is known from the other."""
-    own = of_vehicle(log, ())
+    own = plain = of_vehicle(log, ())
     for _ in range(TURNS):
-        found = Search(of_vehicle(log, ()).path(log, [(np.ones(len(log.x), bool), own.whitener)], differ={})).run()
+        found = Search(plain.path(log, [(np.ones(len(log.x), bool), own.whitener)], differ={})).run()
         own = of_vehicle(log, fwmav.acting(found.causes))
     return own
 

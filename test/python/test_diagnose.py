@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 from tinykoop import bridge
-from tinykoop.diagnose import diagnose, elsewhere, words
+from tinykoop.diagnose import elsewhere
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.platforms.ddr import diagnose
 from tinykoop.diagnose.prediction_errors.fit import Cause
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
@@ -224,9 +225,9 @@ def test_pair(names):
 
 def test_lag_beside_delay_may_be_of_second_order():
     """The best-known approximation of slow actuators is no proof of either."""
-    report = diagnose(log_of(drive(SHORT, 4), usual("actuator_lag", "transport_delay"))).report
-    assert set(effects_of(report)) == {"actuator_lag", "transport_delay"}
-    assert surest(report) <= 0.8 and "second order" in " ".join(words.cannot_tell(report))
+    result = diagnose(log_of(drive(SHORT, 4), usual("actuator_lag", "transport_delay")))
+    assert set(effects_of(result.report)) == {"actuator_lag", "transport_delay"}
+    assert surest(result.report) <= 0.8 and "second order" in " ".join(ddr.Teller(result).cannot_tell())
 
 
 def test_form_of_another_kind_is_not_sure():
@@ -436,25 +437,27 @@ def test_effect_of_a_part_acts_on_a_fresh_log_all_along_or_not_at_all(acts):
     late = bridge.Effect("yaw_gain", bridge.usual_effect("yaw_gain").parameters, 31.0)
     there = usual("yaw_gain") if acts else []
     fresh = log_of(drive(500, 7), there, seed=3)
-    report = diagnose(log_of(drive(LONG, 6), [late]), fresh=fresh).report
+    result = diagnose(log_of(drive(LONG, 6), [late]), fresh=fresh)
+    report = result.report
     (effect,) = report["fresh"]["effects"]
     assert (effect["name"], effect["acts"], effect["params"]) == ("yaw_gain", acts, report["effects"][0]["params"])
     found = [bridge.Effect("yaw_gain", tuple(effect["params"].values()))] if acts else []
     _, off = bridge.windows(fresh.x, fresh.u, DT, range(450), [50], found, integrator=bridge.ARC)
     assert report["fresh"]["gap"]["after"]["50"] == pytest.approx(np.sqrt((off[..., :2] ** 2).sum(-1).mean()), rel=0.03)
     assert report["fresh"]["gap"]["after"]["50"] < 1.1 * report["fresh"]["gap"]["noise_floor"]["50"]
-    said = " ".join(words.asides(report))
+    said = " ".join(ddr.Teller(result).asides())
     assert f"on the fresh log it is taken {'to act all along' if acts else 'not to act'}" in said
 
 
 def test_battery_sags_as_fast_on_a_fresh_log_of_another_length():
     loss, rows = 0.2, 500
     fresh = log_of(drive(rows, 7), [bridge.Effect("battery_sag", (loss * (rows - 1) / (LONG - 1),))], seed=3)
-    report = diagnose(log_of(drive(LONG, 6), [bridge.Effect("battery_sag", (loss,))]), fresh=fresh).report
+    result = diagnose(log_of(drive(LONG, 6), [bridge.Effect("battery_sag", (loss,))]), fresh=fresh)
+    report = result.report
     assert effects_of(report)["battery_sag"]["params"]["loss_at_end"] == pytest.approx(loss, rel=0.02)
     assert report["fresh"]["effects"][0]["params"]["loss_at_end"] == pytest.approx(loss * (rows - 1) / (LONG - 1), rel=0.02)
     assert report["fresh"]["gap"]["closed_fraction"]["50"] > 0.9
-    assert "taken to grow as fast, to 8.3 % at its end" in " ".join(words.asides(report))
+    assert "taken to grow as fast, to 8.3 % at its end" in " ".join(ddr.Teller(result).asides())
 
 
 def test_loss_on_a_fresh_log_goes_with_the_time_it_acted_and_stays_in_bounds():

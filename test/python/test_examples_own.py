@@ -16,7 +16,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from tinykoop.blind.own import ROBOTS
 from tinykoop.blind.own.plant import drive
-from tinykoop.diagnose import own
+from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.prediction_errors import noise as noises
 from tinykoop.diagnose.prediction_errors.fit import Fitter

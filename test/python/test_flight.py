@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy import linalg, signal
 from tinykoop import bridge
-from tinykoop.diagnose.flight import diagnosis, gap, vehicle
-from tinykoop.diagnose.flight.baseline import simulated
+from tinykoop.diagnose.platforms.fwmav import diagnosis, vehicle
+from tinykoop.diagnose.platforms.fwmav.baseline import simulated
+from tinykoop.diagnose.platforms.fwmav.path import Path
+from tinykoop.diagnose.prediction_errors import ahead
 from tinykoop.diagnose.prediction_errors.healthy import LAGS, Whitener
 from tinykoop.plumbing.errors import UserError
 
@@ -170,7 +172,7 @@ def test_whitening_is_linear():
 
 def test_innovations_are_the_same_whether_they_are_kept(monkeypatch):
     """However long the log: at least those asked for last are kept."""
-    from tinykoop.diagnose.platforms import fwmav
+    from tinykoop.diagnose.platforms.fwmav import path as fwmav
     from tinykoop.diagnose.prediction_errors.fit import Cause
 
     log = bridge.fwmav("hover", 5, 5)[0]
@@ -255,7 +257,7 @@ def test_attitude_error_is_the_angle():
     missed_ = np.zeros((1, 1, 9))
     missed_[..., 6:] = small
     angle = Rotation.from_euler("ZYX", small[::-1]).magnitude()
-    np.testing.assert_allclose(gap.attitude(missed_)[0, 0], angle, rtol=2e-2)
+    np.testing.assert_allclose(ahead.sizes(Path, missed_)["attitude"][0, 0], angle, rtol=2e-2)
 
 
 # ---- bad input ----------------------------------------------------------------------------------

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from test_report import Reader
 from tinykoop import bridge
-from tinykoop.diagnose.flight import diagnose, figures, page, vehicle, words
-from tinykoop.diagnose.words import phrase
+from tinykoop.diagnose.platforms import fwmav
+from tinykoop.diagnose.platforms.fwmav import diagnose, figures, told, vehicle
+from tinykoop.diagnose.report.html import html
+from tinykoop.diagnose.report.terminal import show
 from tinykoop.plumbing import results
 
 SECONDS, FROM = 9, 4.0
@@ -45,13 +47,13 @@ def foreign(result, vehicle="simulated"):
 
 def near(result):
     """As if the gap were about the noise everywhere."""
-    return changed(result, gap={**result.report["gap"], "closed_fraction": dict.fromkeys(("1", "10", "50"), math.nan)})
+    return changed(result, gaps={"attitude": result.report["gap"] | {"closed_fraction": dict.fromkeys(("1", "10", "50"), math.nan)}})
 
 
 def shaken(result):
     """As if the flight were only shaken more than others."""
     a = {"name": "vibration", "evidence": 900.0, "confidence": 0.99, "params": {"a": 0.5}, "params_ci95": {"a": [0.45, 0.55]}}
-    a |= {"segments": [[0.0, SECONDS]], "units": {"a": "1"}, "at_bound": []}
+    a |= {"segments": [[0.0, SECONDS]], "units": {"a": "1"}, "at_bound": [], "formula": ""}
     return changed(
         near(result), effects=[a], contributions={}, ranking=[{"name": "vibration", "score": 2.0}, {"name": "gain", "score": 0.3}]
     )
@@ -64,8 +66,16 @@ def nothing_found(result):
 KINDS = {"known": lambda r: r, "near": near, "shaken": shaken, "foreign": foreign, "none": nothing_found}
 
 
+def tell(result):
+    return fwmav.Teller(result)
+
+
+def page(result):
+    return html(tell(result).story()).decode()
+
+
 def read(result):
-    return Reader(page.html(result).decode())
+    return Reader(page(result))
 
 
 # ---- the page ------------------------------------------------------------------------------------
@@ -74,17 +84,17 @@ def read(result):
 @pytest.mark.parametrize("kind", KINDS)
 def test_page_of_every_kind_of_report(trim, kind):
     result = KINDS[kind](trim)
-    html = page.html(result).decode()
-    reader = Reader(html)
+    text = page(result)
+    reader = Reader(text)
     assert all(address.startswith(("data:", "#")) for address in reader.addresses)
-    assert "script" not in reader.tags and not re.search(r"@import|url\((?!#)|https?://", html) and len(html) < 1.5e6
-    figures_ = re.findall(r"<svg.*?</svg>", html, re.S)
+    assert "script" not in reader.tags and not re.search(r"@import|url\((?!#)|https?://", text) and len(text) < 1.5e6
+    figures_ = re.findall(r"<svg.*?</svg>", text, re.S)
     assert len(figures_) >= 6
     for figure in figures_:
         ElementTree.fromstring(figure)
-    assert not re.search(r"\b(nan|inf|NaN|Infinity)\b", html) and not re.search(r"\bNone\b(?!: the simulator)", html)
-    assert words.sentence(result.report) in reader.text
-    for said in (*words.asides(result.report), *words.cannot_tell(result.report), *words.noise(result.report)):
+    assert not re.search(r"\b(nan|inf|NaN|Infinity)\b", text) and not re.search(r"\bNone\b(?!: the simulator)", text)
+    assert tell(result).sentence() in reader.text
+    for said in (*tell(result).asides(), *tell(result).cannot_tell(), *tell(result).noise()):
         assert said in reader.text
 
 
@@ -103,21 +113,21 @@ def test_effect_that_set_in_is_left_out_of_a_healthy_fresh_flight():
 
 def test_page_says_what_was_done_to_the_flight(trim):
     report, text = trim.report, read(trim).text
-    assert report["verdict"] == "known" and "(trim bias)" in words.sentence(report)
+    assert report["verdict"] == "known" and "(trim bias)" in tell(trim).sentence()
     assert "tips forward" in text and "turns left" in text
     assert "fresh.csv" in text and "On the fresh log" in text
 
 
 def test_names_of_files_are_escaped(trim):
-    html = page.html(trim).decode()
-    assert "<b " not in html and "&lt;b onload=" in html
+    text = page(trim)
+    assert "<b " not in text and "&lt;b onload=" in text
 
 
 def test_page_of_a_report_read_back(trim, tmp_path):
     results.write_json(tmp_path / "r.json", trim.report)
     again = changed(trim)
     again.report = json.loads((tmp_path / "r.json").read_text())
-    assert page.html(again) == page.html(trim)
+    assert page(again) == page(trim)
 
 
 # ---- figures -------------------------------------------------------------------------------------
@@ -129,9 +139,9 @@ def test_predictions_drawn_are_those_of_the_gap(trim):
     assert np.allclose(before[:, 0], y[rows[:, 0]])
     compared = 0
     for k, row in enumerate(rows):
-        (at,) = np.nonzero(trim.starts == row[0])
+        (at,) = np.nonzero(trim.found.starts == row[0])
         if len(at):
-            missed = trim.before[at[0], -1, vehicle.ANGLES]
+            missed = trim.more["missed"][0][at[0], -1, vehicle.ANGLES]
             assert np.allclose(vehicle.wrapped(y[row[-1]] - before[k, -1])[vehicle.ANGLES], missed)
             compared += 1
     assert compared >= 1
@@ -144,7 +154,7 @@ def test_predictions_drawn_are_those_of_the_gap(trim):
 def test_spectra_keep_the_power(trim):
     """Parseval: the amplitudes drawn hold the variance of what was missed (healthy flights have the same)."""
     f, amplitude = figures._spectra(trim)
-    missed = trim.left[0][trim.path.known]
+    missed = trim.more["innovations"][0][trim.path.known]
     for channel in (0, 1, 4):
         power = np.sum(amplitude[0, :, channel] ** 2) * (f[1] - f[0])
         assert power == pytest.approx(np.var(missed[:, channel]), rel=0.15)
@@ -153,13 +163,13 @@ def test_spectra_keep_the_power(trim):
 # ---- words ---------------------------------------------------------------------------------------
 
 
-def test_every_effect_has_words():
+def test_every_effect_has_words(trim):
     known = bridge.effects("fwmav")
-    assert set(words.PHRASES) == set(known)
+    assert set(told.PHRASES) == set(known)
     for name, (_, spec) in known.items():
         for factor in (1.0, -1.0, 0.0):
             effect = {"name": name, "params": {row[0]: factor * row[4] for row in spec}}
-            assert " acts (" not in phrase(effect, words.PHRASES) and "nan" not in phrase(effect, words.PHRASES)
+            assert " acts (" not in tell(trim).phrase(effect) and "nan" not in tell(trim).phrase(effect)
 
 
 @pytest.mark.parametrize("name, params, spin, said", [
@@ -167,7 +177,7 @@ def test_every_effect_has_words():
     ("trim_bias", (0.0, -0.05), -2, "turns right"),
     ("asymmetry", (0.05,), 0, "left wing pushes 5.0 % more"),
 ])  # fmt: skip
-def test_words_turn_the_vehicle_as_the_simulator_does(name, params, spin, said):
+def test_words_turn_the_vehicle_as_the_simulator_does(trim, name, params, spin, said):
     """Spin about x (left wing up), y (forward) and z (left) after a moment; a minus: the other way."""
     commands = np.tile([[17.0, 0.0, 0.0, 0.0]], (10, 1))
     states = bridge.fwmav_roll(bridge.fwmav_hover(), commands, 0.01, [bridge.Effect(name, params)])
@@ -175,45 +185,45 @@ def test_words_turn_the_vehicle_as_the_simulator_does(name, params, spin, said):
     turned = (states - still)[-1, bridge.FWMAV_STATE["spin"]]
     assert np.argmax(np.abs(turned)) == abs(spin) and np.sign(turned[abs(spin)]) == (1 if spin >= 0 else -1)
     names = [row[0] for row in bridge.effects("fwmav")[name][1]]
-    assert said in phrase({"name": name, "params": dict(zip(names, params))}, words.PHRASES)
+    assert said in tell(trim).phrase({"name": name, "params": dict(zip(names, params))})
 
 
 def test_no_percentage_near_the_noise(trim):
-    said = words.sentence(near(trim).report)
+    said = tell(near(trim)).sentence()
     assert "no percentage" in said and "moves the predicted attitude by" in said and "closes" not in said
-    assert "closes" in words.sentence(trim.report)
+    assert "closes" in tell(trim).sentence()
 
 
 def test_another_vehicle_is_told_what_to_do(trim):
-    report = foreign(trim).report
-    assert "not the noise of the simulated vehicle" in words.sentence(report) and "13 times" in words.sentence(report)
-    beside = " ".join(words.asides(report))
+    says = tell(foreign(trim))
+    assert "not the noise of the simulated vehicle" in says.sentence() and "13 times" in says.sentence()
+    beside = " ".join(says.asides())
     assert "--healthy HEALTHY.csv" in beside
     assert "an acceleration along x that is always there and an acceleration about z that goes with yaw" in beside
-    assert "--healthy" not in " ".join(words.asides(foreign(trim, "own").report))
+    assert "--healthy" not in " ".join(tell(foreign(trim, "own")).asides())
 
 
 def test_effects_that_make_it_worse_are_not_praised(trim):
     gap = copy.deepcopy(trim.report["gap"])
     gap["after"]["50"] = 3 * gap["before"]["50"]
     gap["closed_fraction"]["50"] = -2.0
-    assert "makes the prediction worse" in words.sentence(changed(trim, gap=gap).report)
-    other = changed(foreign(trim), gap=gap, effects=trim.report["effects"], contributions=trim.report["contributions"])
+    assert "makes the prediction worse" in tell(changed(trim, gaps={"attitude": gap})).sentence()
+    other = changed(foreign(trim), gaps={"attitude": gap}, effects=trim.report["effects"], contributions=trim.report["contributions"])
     other.report["unexplained"]["share"] = 0.2
-    assert "PARTLY" not in words.sentence(other.report) and "gets worse" in " ".join(words.asides(other.report))
+    assert "PARTLY" not in tell(other).sentence() and "gets worse" in " ".join(tell(other).asides())
 
 
 def test_vibration_is_no_cause_that_others_stand_in_for(trim):
-    report = shaken(trim).report
-    assert "shaken 50 % more" in words.sentence(report) and "no prediction" in words.sentence(report)
-    assert "comes next" not in words.ranking_caption(report)
+    says = tell(shaken(trim))
+    assert "shaken 50 % more" in says.sentence() and "no prediction" in says.sentence()
+    assert "Next comes" not in says.ranking_caption() and "Next comes" in tell(trim).ranking_caption()
 
 
 def test_bands_are_named(trim):
     loud = [{"channel": "pitch", "from_hz": 3.0, "to_hz": 8.0, "times_noise": 1.47}]
-    report = changed(trim, where={**trim.report["where"], "frequencies": loud}).report
-    assert words.band_caption(report).startswith("Pitch at 3 to 8 Hz (control loop): 1.5 times")
-    assert words.bands(report) == ["At 3 to 8 Hz (control loop) more is missed than on healthy flights of pitch (1.5 times)."]
+    says = tell(changed(trim, where={**trim.report["where"], "frequencies": loud}))
+    assert says.band_caption().startswith("Pitch at 3 to 8 Hz (control loop): 1.5 times")
+    assert says.bands() == ["At 3 to 8 Hz (control loop) more is missed than on healthy flights of pitch (1.5 times)."]
 
 
 # ---- terminal ------------------------------------------------------------------------------------
@@ -221,9 +231,9 @@ def test_bands_are_named(trim):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_summary_fits_on_a_screen(trim, kind):
-    report = KINDS[kind](trim).report
+    story = tell(KINDS[kind](trim)).story()
     with results.console.capture() as caught:
-        words.print_summary(report, "out/[red]report.html")
+        show(story, "out/[red]report.html")
     text = caught.get()
-    assert " ".join(words.sentence(report).split()) in " ".join(text.split()) and "out/[red]report.html" in text
+    assert " ".join(story.sentence.split()) in " ".join(text.split()) and "out/[red]report.html" in text
     assert len([line for line in text.splitlines() if line.strip()]) <= 40

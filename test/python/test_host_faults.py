@@ -144,7 +144,7 @@ def test_diagnose_writes_its_report_last(log, tmp_path, monkeypatch):
     (tmp_path / "report.json").write_text("old")
     seen = []
     monkeypatch.setattr(diagnose, "write_bytes", lambda path, data: seen.append((tmp_path / "report.json").exists()))
-    monkeypatch.setattr(diagnose.words, "print_summary", lambda *_: None)
+    monkeypatch.setattr(diagnose, "show", lambda *_: None)
     diagnose.run(log, tmp_path)
     assert seen == [False]
     assert json.loads((tmp_path / "report.json").read_text())["verdict"]

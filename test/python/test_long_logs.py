@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 from tinykoop import bridge
-from tinykoop.diagnose import diagnose, page, words
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.platforms.ddr import diagnose
 from tinykoop.diagnose.prediction_errors import ahead
 from tinykoop.logs import replay
 from tinykoop.plumbing import results
@@ -90,11 +90,11 @@ def test_diagnosis_of_a_long_log_says_what_was_searched():
     assert found["name"] == "actuator_lag" and abs(found["params"]["tau"] - 0.25) < 0.01
     searched = result.report["log"]["searched_rows"]
     assert 5000 < searched < bridge.LONG
-    assert f"{searched:,} of its rows" in page.html(result).decode()
+    assert f"{searched:,} of its rows" in " ".join(ddr.Teller(result).searched())
 
 
 def test_diagnosis_of_a_log_that_is_not_long_says_nothing_of_it():
-    assert words.searched({"log": {"rows": bridge.LONG}}) == []
+    assert ddr.Teller(diagnose(drive(200, [], noise=0.005))).searched() == []
 
 
 def test_diagnose_shows_that_it_is_at_work(tmp_path, monkeypatch):

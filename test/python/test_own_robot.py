@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop.diagnose import own
+from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.prediction_errors import judge
 from tinykoop.diagnose.prediction_errors import noise as noises
 from tinykoop.diagnose.prediction_errors.fit import Cause, Fitter
 from tinykoop.diagnose.prediction_errors.search import Search
 from tinykoop.diagnose.report.html import html
-from tinykoop.diagnose.report.story import story
 from tinykoop.diagnose.robots import check, toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.plumbing.errors import UserError
@@ -77,7 +76,7 @@ def test_the_lag_of_the_example_is_found_and_closes_the_gap(car, tmp_path):
     assert abs(report["effects"][0]["params"]["tau"] - 0.12) < 0.006
     assert report["gap"]["closed_fraction"]["50"] > 0.9 and report["fresh"]["gap"]["closed_fraction"]["50"] > 0.9
     assert report["passes"] <= 200
-    page = html(story(result), report).decode()
+    page = html(own.Teller(result).story()).decode()
     assert "lag:steering" in page and page.count("<svg") >= 4
     low, high = re.search(r"tau = 0.1\d+ s</td>.*?\[([\d.]+), ([\d.]+)\]", page, re.S).groups()
     assert float(low) < float(high) and "1 step ahead" in page

@@ -103,7 +103,7 @@ def test_assurance_names_files_that_exist():
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
-    from tinykoop.diagnose.flight import diagnosis as flight
+    from tinykoop.diagnose.platforms.fwmav import diagnosis as flight
     from tinykoop.diagnose.platforms import ddr
     from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans
 
@@ -139,7 +139,7 @@ def test_page_of_the_diagnoser_is_that_of_its_code():
     assert figures and [figure for figure in figures if figure not in flat] == []
     files = re.findall(r"`([a-z_/]+(?:\.py|\.c|/))`", text)
     assert len(files) > 25
-    assert [name for name in files if not any((place / name).exists() for place in (ROOT, folder, folder / "flight"))] == []
+    assert [name for name in files if not any((place / name).exists() for place in (ROOT, folder, folder / "platforms/ddr", folder / "platforms/fwmav"))] == []
     options = re.findall(r"(?<![\w-])--[a-z]+", text)
     known = re.findall(r'"(--[a-z]+)"', (ROOT / "tools/tinykoop/cli.py").read_text())
     assert len(options) > 10 and [option for option in options if option not in known] == []

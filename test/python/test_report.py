@@ -2,6 +2,7 @@
 
 import base64
 import copy
+import dataclasses
 import json
 import math
 import re
@@ -10,8 +11,11 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from tinykoop import bridge
-from tinykoop.diagnose import diagnose, figures, page, words
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.platforms.ddr import diagnose, told
+from tinykoop.diagnose.report import figures, words
+from tinykoop.diagnose.report.html import html
+from tinykoop.diagnose.report.terminal import show
 from tinykoop.plumbing import results
 
 DT = 0.05
@@ -84,8 +88,12 @@ class Reader(HTMLParser):
             self.text.append(data)
 
 
+def page(result):
+    return html(ddr.Teller(result).story()).decode()
+
+
 def read(result):
-    return Reader(page.html(result).decode())
+    return Reader(page(result))
 
 
 def changed(result, **keys):
@@ -100,18 +108,18 @@ def changed(result, **keys):
 
 def test_page_needs_nothing_else(lag, healthy):
     for result in (lag, healthy):
-        html = page.html(result).decode()
-        reader = Reader(html)
+        text = page(result)
+        reader = Reader(text)
         assert all(address.startswith(("data:", "#")) for address in reader.addresses)
-        assert not re.search(r"@import|url\((?!#)|https?://", html)
-        assert "script" not in reader.tags and len(html) < 1.5e6
+        assert not re.search(r"@import|url\((?!#)|https?://", text)
+        assert "script" not in reader.tags and len(text) < 1.5e6
 
 
 def test_page_says_verdict_effects_and_fresh_log(lag, healthy):
     for result in (lag, healthy):
         text = read(result).text
-        assert words.sentence(result.report) in text
-        for aside in words.asides(result.report):
+        assert ddr.Teller(result).sentence() in text
+        for aside in ddr.Teller(result).asides():
             assert aside in text
     assert lag.report["verdict"] == "known" and healthy.report["verdict"] == "none"
     text = read(lag).text
@@ -120,51 +128,52 @@ def test_page_says_verdict_effects_and_fresh_log(lag, healthy):
 
 
 def test_names_of_files_are_escaped(lag):
-    html = page.html(lag).decode()
-    assert "&lt;b&gt;&amp;.csv" in html and "<b>" not in html
+    text = page(lag)
+    assert "&lt;b&gt;&amp;.csv" in text and "<b>" not in text
 
 
 def test_page_of_every_verdict_and_of_a_report_read_back(lag, healthy, tmp_path):
     for result in (lag, healthy):
         for word in ("known", "none", "unknown"):
-            assert words.sentence(changed(result, verdict=word).report) in read(changed(result, verdict=word)).text
+            assert ddr.Teller(changed(result, verdict=word)).sentence() in read(changed(result, verdict=word)).text
         results.write_json(tmp_path / "r.json", result.report)
         again = changed(result)
         again.report = json.loads((tmp_path / "r.json").read_text())
-        assert page.html(again) == page.html(result)
+        assert page(again) == page(result)
 
 
 def test_page_without_figures_to_give(lag):
     nothing = dict.fromkeys(("1", "10", "50"))
     gap = {**lag.report["gap"], **dict.fromkeys(("before", "after", "noise_floor", "closed_fraction"), nothing)}
     gap["ci95"] = dict.fromkeys(nothing, [None, None])
-    gap["heading_rad"] = dict.fromkeys(("before", "after", "noise_floor"), nothing)
+    gaps = {"position": gap, "heading": gap | {"unit": "rad"}}
     contributions = {"actuator_lag": nothing, "yaw_gain": nothing}
     for word in ("known", "none", "unknown"):
         bare = changed(
-            lag, verdict=word, gap=gap, fresh={"gap": gap}, contributions=contributions, advice=None, not_testable=[]
+            lag, verdict=word, gap=gap, gaps=gaps, fresh={"gap": gap, "gaps": gaps}, contributions=contributions, advice=None, not_testable=[]
         )
-        bare.before = lag.before | {"position": np.full_like(lag.before["position"], np.nan)}
+        nan = {name: np.full_like(errors, np.nan) for name, errors in lag.found.before.items()}
+        bare.found = dataclasses.replace(lag.found, before=nan)
         text = read(bare).text
-        assert not re.search(r'="[^"]*\bnan', page.html(bare).decode())
+        assert not re.search(r'="[^"]*\bnan', page(bare))
         assert "nan" not in re.findall(r"[a-z]+", text.lower()) and "too broken up" in text + "too broken up" * (
             word == "unknown"
         )
 
 
 def test_masked_log_is_drawn_with_gaps(lag):
-    masked = copy.copy(lag)
-    masked.log = copy.copy(lag.log)
-    masked.log.usable = lag.log.usable.copy()
-    masked.log.usable[::30] = False
-    rows, before, after = figures.predictions(masked)
+    masked, search, path, log = (copy.copy(part) for part in (lag, lag.found.search, lag.path, lag.log))
+    search.path, path.log, log.usable = path, log, lag.log.usable.copy()
+    log.usable[::30] = False
+    masked.found = dataclasses.replace(lag.found, search=search)
+    rows, before, after = told.predicted(masked)
     assert rows.shape[1] == 30 and np.isfinite(before).all() and np.isfinite(after).all()
     assert all(masked.log.usable[row[0] : row[-1]].all() for row in rows)
     read(masked)
 
 
 def test_predictions_are_the_simulators(lag):
-    rows, before, after = figures.predictions(lag)
+    rows, before, after = told.predicted(lag)
     for k in (0, len(rows) // 2):
         start, u = lag.log.x[rows[k, 0]], lag.log.u[rows[k, :-1]]
         assert np.allclose(before[k], bridge.simulate(u, DT, start, integrator=bridge.ARC)[:, :2], atol=1e-9)
@@ -176,7 +185,7 @@ def test_advised_drive_can_be_taken_from_the_page(lag):
     advised = changed(
         lag, advice={"drive": "steps", "words": "steps of speed", "separation": {"a_b or c": 2.0, "d or not": 1e-9}}
     )
-    advised.advice = ("steps", "steps of speed", np.tile([[0.5, -0.2]], (40, 1)), {})
+    advised.more = {"drive": np.tile([[0.5, -0.2]], (40, 1))}
     reader = read(advised)
     (address,) = [a for a in reader.addresses if a.startswith("data:text/csv")]
     lines = base64.b64decode(address.split(",")[1]).decode().splitlines()
@@ -187,19 +196,19 @@ def test_advised_drive_can_be_taken_from_the_page(lag):
 # ---- words ---------------------------------------------------------------------------------------
 
 
-def test_every_effect_of_the_library_has_words():
+def test_every_effect_of_the_library_has_words(lag):
     effects = ddr.effects(np.ones((2, 2)))
-    assert set(words.PHRASES) == set(effects)
+    assert set(told.PHRASES) == set(effects)
     for name, known in effects.items():
         for factor in (1.0, -1.0, 0.0):
             effect = {"name": name, "params": {p.name: factor * p.usual for p in known.parameters}}
-            assert " acts (" not in words.phrase(effect) and "nan" not in words.phrase(effect)
+            assert " acts (" not in ddr.Teller(lag).phrase(effect) and "nan" not in ddr.Teller(lag).phrase(effect)
 
 
-def test_effect_without_words_is_named_with_its_parameters():
+def test_effect_without_words_is_named_with_its_parameters(lag):
     effect = {"name": "loose_screw", "params": {"play": 0.0123456, "n": 2.0}, "units": {"play": "m"}}
-    assert words.phrase(effect) == "loose screw acts (play = 0.0123 m, n = 2.00)"
-    assert words.phrase({"name": "actuator_lag", "params": {"other": 1.0}}).startswith("actuator lag acts")
+    assert ddr.Teller(lag).phrase(effect) == "loose screw acts (play = 0.0123 m, n = 2.00)"
+    assert ddr.Teller(lag).phrase({"name": "actuator_lag", "params": {"other": 1.0}}).startswith("actuator lag acts")
 
 
 @pytest.mark.parametrize(
@@ -238,10 +247,10 @@ def test_parameters_are_rounded_by_their_interval():
 
 def test_noise_is_said_with_the_robots_own_motion(lag):
     noise = lag.report["noise"]
-    assert "too small to be seen" in " ".join(words.noise(lag.report))
+    assert "too small to matter" in " ".join(ddr.Teller(lag).noise())
     axes = {name: axis | {"share": 0.034, "seconds": 0.3} for name, axis in noise["process"].items()}
-    said = " ".join(words.noise(lag.report | {"noise": noise | {"process": axes, "outliers": 7}}))
-    assert "lasts 0.300 s" in said and "3 % of the speed (longitudinal)" in said and "7 rows stand out" in said
+    said = " ".join(ddr.Teller(changed(lag, noise=noise | {"process": axes, "outliers": 7})).noise())
+    assert "lasts 0.300 s" in said and "longitudinal, 3 % of the usual" in said and "7 rows stand out" in said
 
 
 def test_what_is_open_is_said(lag):
@@ -251,24 +260,28 @@ def test_what_is_open_is_said(lag):
         "matters": True,
         "depends_on": [{"on": "v omega", "channel": "lateral", "share": 0.6}],
     }
-    report = changed(
+    result = changed(
         lag,
         effects=[one],
         unexplained=left,
         not_testable=["dead_band"],
         ambiguous_with={"actuator_lag": ["transport_delay", "transport_delay"]},
-    ).report
-    said = words.sentence(report)
+    )
+    says = ddr.Teller(result)
+    said, beside, open_ends = says.sentence(), " ".join(says.asides()), " ".join(says.cannot_tell())
     assert (
         "PARTLY" in said and "3.00 to 8.50 s" in said and said.count("transport delay") == 1 and "cannot tell" in said
     )
-    assert "60 % sure" in " ".join(words.asides(report)) and "v omega (lateral error)" in " ".join(words.asides(report))
-    open_ends = " ".join(words.cannot_tell(report))
+    assert "60 % sure" in beside and "v omega (lateral error)" in beside
     assert "NOT TESTABLE: dead band" in open_ends and "edge" in open_ends and "transport delay" in open_ends
-    report["verdict"] = "unknown"
-    assert "none of the known effects explains it" in words.sentence(report)
-    report["effects"] = []
-    assert words.sentence(report).startswith("Unknown: the simulator is off by")
+    assert "none of the known effects explains it" in ddr.Teller(changed(result, verdict="unknown")).sentence()
+    assert ddr.Teller(changed(result, verdict="unknown", effects=[])).sentence().startswith("Unknown: the simulator is off by")
+
+
+def test_effects_too_small_to_matter_are_told(lag):
+    small = {**lag.report["effects"][0], "name": "dead_band", "params": {"v_db": 0.002, "w_db": 0.003}, "units": {}}
+    (said,) = ddr.Teller(changed(lag, small=[small])).small()
+    assert said.startswith("Significant, but too small to matter on this log: commands below 0.00200 m/s")
 
 
 METRES = re.compile(r"[0-9] m?m\b")
@@ -276,11 +289,11 @@ METRES = re.compile(r"[0-9] m?m\b")
 
 def test_gap_of_a_robot_on_the_spot_is_an_angle(spot):
     assert spot.report["unexplained"]["unit"] == "rad" and spot.report["verdict"] == "known"
-    left = {**spot.report["unexplained"], "gap_m": 0.1, "of_gap_m": 0.2, "smallest_that_matters_m": 0.3}
+    left = {**spot.report["unexplained"], "gap": 0.1, "of_gap": 0.2, "smallest_that_matters": 0.3}
     for verdict, matters in (("known", False), ("known", True), ("unknown", True), ("none", False)):
         for effects in (spot.report["effects"], []):
-            report = changed(spot, verdict=verdict, effects=effects, unexplained=left | {"matters": matters}).report
-            said = " ".join([words.sentence(report), *words.asides(report), *words.unmeasured(report)])
+            says = ddr.Teller(changed(spot, verdict=verdict, effects=effects, unexplained=left | {"matters": matters}))
+            said = " ".join([says.sentence(), *says.asides(), *says.unmeasured()])
             assert not METRES.search(said) and " deg" in said, said
 
 
@@ -289,42 +302,42 @@ def test_gap_of_a_robot_on_the_spot_is_that_of_its_heading(spot):
     log = spot.log
     _, off = bridge.windows(log.x, log.u, DT, range(50, len(log.x) - 50), [50], integrator=bridge.ARC)
     before = math.degrees(np.sqrt(np.mean(off[:, 0, 2] ** 2)))
-    heading = spot.report["gap"]["heading_rad"]
+    heading = spot.report["gaps"]["heading"]
     assert math.degrees(heading["before"]["50"]) == pytest.approx(before, rel=0.05)
     off, after, least = (heading[part]["50"] for part in ("before", "after", "noise_floor"))
     assert heading["closed_fraction"]["50"] == pytest.approx((off - after) / (off - min(least, after)))
     with results.console.capture() as caught:
-        words.print_summary(spot.report, "out/report.html")
-    for text in (words.sentence(spot.report), caught.get(), read(spot).text):
+        show(ddr.Teller(spot).story(), "out/report.html")
+    for text in (ddr.Teller(spot).sentence(), caught.get(), read(spot).text):
         assert words.angle(off) in text
     assert "Gap, heading" in caught.get()
 
 
 @pytest.mark.parametrize("left", [{"matters": False}, {"matters": True, "depends_on": []}], ids=["small", "no trace"])
 def test_what_depends_on_nothing_is_told_in_whole_sentences(lag, left):
-    report = changed(lag, unexplained={**lag.report["unexplained"], **left}).report
-    assert not any("depends" in aside for aside in words.asides(report))
-    report["verdict"] = "unknown"
-    assert words.sentence(report).endswith("; none of the known effects explains what is left.")
-    report["effects"] = []
-    assert words.sentence(report).endswith(" without noise; none of the known effects explains the gap.")
+    result = changed(lag, unexplained={**lag.report["unexplained"], **left})
+    assert not any("depends" in aside for aside in ddr.Teller(result).asides())
+    result.report["verdict"] = "unknown"
+    assert ddr.Teller(result).sentence().endswith("; none of the known effects explains what is left.")
+    result.report["effects"] = []
+    assert ddr.Teller(result).sentence().endswith(" without noise; none of the known effects explains the gap.")
 
 
 def test_no_percentage_near_the_noise(lag):
     gap = {**lag.report["gap"], "closed_fraction": dict.fromkeys(("1", "10", "50"), math.nan)}
-    assert "no percentage" in words.sentence(changed(lag, gap=gap).report)
+    assert "no percentage" in ddr.Teller(changed(lag, gaps={"position": gap})).sentence()
 
 
 def test_unknown_does_not_claim_more_than_it_explains(lag):
     gap = {**lag.report["gap"], "closed_fraction": {"1": 1.0, "10": 1.0, "50": 1.0}}
     left = {**lag.report["unexplained"], "share": 0.4, "matters": True}
-    assert " 60 % of the gap" in words.sentence(changed(lag, verdict="unknown", gap=gap, unexplained=left).report)
+    assert " 60 % of the gap" in ddr.Teller(changed(lag, verdict="unknown", gaps={"position": gap}, unexplained=left)).sentence()
 
 
 def test_effects_that_harm_on_the_fresh_log_are_not_recommended(lag):
     fresh = copy.deepcopy(lag.report["fresh"])
-    fresh["gap"]["closed_fraction"]["50"] = -0.2
-    assert "do not use them" in " ".join(words.asides(changed(lag, fresh=fresh).report))
+    fresh["gaps"]["position"]["closed_fraction"]["50"] = -0.2
+    assert "do not use them" in " ".join(ddr.Teller(changed(lag, fresh=fresh)).asides())
 
 
 # ---- terminal ------------------------------------------------------------------------------------
@@ -333,10 +346,10 @@ def test_effects_that_harm_on_the_fresh_log_are_not_recommended(lag):
 def test_summary_fits_on_a_screen(lag, healthy):
     for result, least in ((lag, 12), (healthy, 6)):
         with results.console.capture() as caught:
-            words.print_summary(result.report, "out/[red]report.html")
+            show(ddr.Teller(result).story(), "out/[red]report.html")
         text = caught.get()
         flat = " ".join(text.split())
-        assert " ".join(words.sentence(result.report).split()) in flat and "out/[red]report.html" in flat
+        assert " ".join(ddr.Teller(result).sentence().split()) in flat and "out/[red]report.html" in flat
         assert least <= len([line for line in text.splitlines() if line.strip()]) <= 30
 
 
@@ -378,7 +391,7 @@ LONG = re.compile(r"[0-9][0-9,.]{12,}")  # more than anyone reads
 def test_no_number_is_printed_with_more_digits_than_anyone_reads(value):
     said = [words.plain(value), words.plain(value, 5), words.length(value), words.angle(value), words.percent(value), words.seconds(value)]
     for width in (0, 1e-3, 1.0):
-        places = words._places(value, value - width * abs(value), value + width * abs(value))
+        places = words.places_of(value, value - width * abs(value), value + width * abs(value))
         said.append(words.quantity(value, "m", places))
     ticks, places = figures.round_numbers(value - abs(value), value + abs(value))
     said += [figures.tick(t, places) for t in ticks]
@@ -393,5 +406,5 @@ def test_page_of_a_log_at_the_limits_of_the_reader_has_no_long_numbers():
         if scale == 1:
             log.x[150:, 0] += 1e8 - 100
         result = diagnose(log)
-        text = re.sub(r'<path[^>]*>|href="data:[^"]*"', "", page.html(result).decode())
+        text = re.sub(r'<path[^>]*>|href="data:[^"]*"', "", page(result))
         assert not LONG.findall(text)

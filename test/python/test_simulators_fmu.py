@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from tinykoop.diagnose import own
+from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.prediction_errors.fit import Cause
 from tinykoop.diagnose.prediction_errors.search import Search

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tinykoop.diagnose import own
+from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read

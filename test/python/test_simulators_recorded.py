@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tinykoop.diagnose import own
+from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.robot import Signal
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read

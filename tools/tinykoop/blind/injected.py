@@ -61,7 +61,7 @@ def _command(healthy):
 
 def run(out, path, jobs=None):
     """Writes injected.json into `out` for the flight in `path`; returns its rows."""
-    from ..diagnose.flight import load
+    from ..diagnose.platforms.fwmav import load
 
     out, log = output_folder(out), load(path)
     half = len(log.x) // 2

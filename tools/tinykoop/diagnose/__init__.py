@@ -1,36 +1,23 @@
 """The sim-to-real gap of one log: where it lies, which unmodelled effect causes it, how far it shrinks.
 
-Data flow: platforms (a log as the engine takes it) -> prediction_errors (the engine: noise, search, verdict, gap) -> where, advise ->
-diagnosis (the report) -> page (what people read).
+Data flow: platforms (a log as the engine takes it) -> prediction_errors (the engine: noise, search, verdict, gap) -> diagnosis (the
+report) -> report (what people read: a story, on the terminal and as a page).
 """
 
-import sys
+from importlib import import_module
 from pathlib import Path
 
 from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
-from . import own, page, words
-from .diagnosis import diagnose, in_log_time, load
-from .platforms import ddr
+from .report.html import html
+from .report.terminal import show
 from .robots import is_own
 
-__all__ = ["diagnose", "in_log_time", "load", "page", "run", "words"]
 
-
-def _arguments(path, fresh, platform, without, healthy):
-    """(module for this kind of log, what its diagnose() takes)."""
-    if platform == "fwmav":
-        from . import flight as kind
-
-        if len(healthy) > 1:
-            raise UserError("--healthy: the flapping wing is fitted to one healthy log; give the longest")
-        log, fresh_log, own = (kind.load(file) if file else None for file in (path, fresh, *healthy, None)[:3])
-        return kind, (log, fresh_log, without, own)
-    if healthy:
-        raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
-    log, fresh_log = (load(file) if file else None for file in (path, fresh))
-    return sys.modules[__name__], (log, ddr, fresh_log, without)
+def platform(robot):
+    """The module of a platform, or that of robots of one's own: it has read(), diagnose() and Teller."""
+    return import_module(f".platforms.{'own' if is_own(robot) else robot}", __package__)
 
 
 def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
@@ -42,16 +29,22 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
     if sim and not (robot and is_own(robot)):
         raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
     robot = of_log(path) if robot is None else robot
-    if is_own(robot):
-        return own.run(path, robot, out, fresh, without, healthy, sim)
     with busy(f"diagnosing {Path(path).name}"):
-        kind, arguments = _arguments(path, fresh, robot, without, healthy)
+        kind = platform(robot)
+        log, options = kind.read(path, fresh, healthy, robot, sim)
         out = output_folder(out)
-        result = kind.diagnose(*arguments)
-    # page and summary count seconds from the first row
+        result = kind.diagnose(log, without=without, **options)
     result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
-    page = kind.page.html(result)
-    with replacing(out / "report.json", in_log_time(result.report, float(arguments[0].t[0]))):
-        write_bytes(out / "report.html", page)
-    kind.words.print_summary(result.report, out / "report.html")
+    told = kind.Teller(result).story()  # its seconds count from the first row
+    with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
+        write_bytes(out / "report.html", html(told))
+    show(told, out / "report.html")
     return result
+
+
+def in_log_time(report, t0):
+    """The report with segments in the log's own time, which need not begin at zero."""
+    shift = lambda segments: [[a + t0, b + t0, *share] for a, b, *share in segments]  # noqa: E731
+    kinds = [kind for kind in ("effects", "best_fit", "small") if kind in report]
+    shifted = {kind: [effect | {"segments": shift(effect["segments"])} for effect in report[kind]] for kind in kinds}
+    return report | shifted | {"where": report["where"] | {"segments": shift(report["where"]["segments"])}}

@@ -1,161 +1,137 @@
-"""One log in, one answer out: the report of the contract and what its page draws."""
+"""The report of the contract: what all platforms say of the answer to one log."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .. import bridge
-from ..plumbing.errors import UserError
-from . import advise, elsewhere, where
-from .platforms import ddr
+from . import elsewhere
 from .prediction_errors import ahead, judge, openset
-from .prediction_errors.answer import answer
-from .prediction_errors.fit import Fit
+from .prediction_errors.answer import Answer
 from .prediction_errors.search import Search
-from .robot import check_effects
-
-FEWEST_ROWS, FEWEST = 60, 6  # usable transitions of a log, and in a row
 
 
 @dataclass
 class Diagnosis:
-    """The report, and what was computed on the way that a page may draw."""
+    """The report, and what was computed on the way that a page may draw; more: what only one platform has."""
 
     report: dict
-    log: bridge.Log
-    path: ddr.Path
-    fit: Fit
-    starts: np.ndarray  # rows of the path
-    before: dict  # {gap: errors (S, H)}
-    after: dict
-    floor: dict
-    advice: tuple | None
+    found: Answer
+    more: dict = field(default_factory=dict)
+
+    @property
+    def path(self):
+        return self.found.path
+
+    @property
+    def log(self):
+        return self.found.path.log
+
+    @property
+    def fit(self):
+        return self.found.fit
 
 
-def load(path, platform=ddr):
-    """A log that is long enough to say something about."""
-    log = bridge.read_log(path, platform.name)
-    if log.usable.sum() < FEWEST_ROWS:
-        raise UserError(
-            f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least"
-        )
-    if _longest(log.usable) < FEWEST:
-        raise UserError(f"{path}: nowhere are {FEWEST} rows in a row usable; record it with fewer gaps")
-    if not np.any(np.abs(np.diff(log.x, axis=0)) > 0):
-        raise UserError(f"{path}: the pose never changes; record a drive in which the robot moves")
-    return log
+def told(path, cause):
+    """A Cause as the report has it."""
+    effect, end = path.effects[cause.name], elsewhere.seconds(path.log)
+    return {
+        "name": cause.name, "params": {p.name: float(v) for p, v in zip(effect.parameters, cause.params)},
+        "units": {p.name: p.unit for p in effect.parameters}, "segments": inside(cause.segments, end), "formula": effect.formula,
+    }  # fmt: skip
 
 
-def _longest(usable):
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(int), [0]]))).reshape(-1, 2)
-    return int((edges[:, 1] - edges[:, 0]).max(initial=0))
+def inside(segments, end):
+    """Stretches of time that end with the log."""
+    return [[float(max(a, 0.0)), float(min(b, end))] for a, b in segments]
 
 
-def _effects(path, fitter, fit, proved):
+def effects(found):
     """The `effects` of the report."""
-    out, at, intervals = [], 0, judge.intervals(fitter, fit)
-    end = (len(path.log.x) - 1) * path.dt
-    for i, (cause, proof) in enumerate(zip(fit.causes, proved)):
+    path, fitter, fit, out, at = found.path, found.fitter, found.fit, [], 0
+    intervals = judge.intervals(fitter, fit)
+    for i, (cause, proof) in enumerate(zip(fit.causes, found.proofs)):
         spec = path.effects[cause.name].parameters
         limits = {p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)}
         at += len(spec)
-        out.append({
-            "name": cause.name, "evidence": proof.worth, "confidence": proof.confidence,
-            "params": {p.name: float(v) for p, v in zip(spec, cause.params)}, "params_ci95": limits,
-            "segments": [[float(max(a, 0.0)), float(min(b, end))] for a, b in cause.segments],
-            "units": {p.name: p.unit for p in spec}, "at_bound": fitter.held(cause),
-        })  # fmt: skip
+        proved = {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": limits, "at_bound": fitter.held(cause)}
+        out.append(told(path, cause) | proved)
     return out
 
 
-def _noise(path, noise):
-    """The `noise` of the report."""
-    names, units = ("position", "heading"), ("m", "rad")
-    sensor = {
-        name: {"sd": float(noise.sensor[c]), "unit": unit, "correlation": float(noise.sensor_rho[c])}
-        for name, unit, c in zip(names, units, (0, 2))
+def gaps(path, before, after, floor, seed=0):
+    """The `gaps` of the report, and `gap`, the first of them."""
+    found = {
+        name: {"unit": unit, "windows": len(before[name])} | ahead.summary(before[name], after[name], floor[name], seed)
+        for name, (unit, _) in path.gaps.items()
     }
-    tau = float(-path.dt / np.log(noise.process_rho[0]))
+    return {"gap": next(iter(found.values())), "gaps": found}
+
+
+def noise(path, noise):
+    """The `noise` of the report."""
+    sensor = {
+        name: {"sd": float((noise.sensor * path.sensor_scale)[c]), "unit": unit, "correlation": float(noise.sensor_rho[c])}
+        for name, (unit, c) in path.sensors.items()
+    }
+    lasts = -path.dt / np.log(noise.process_rho)
     process = {
-        name: {"sd": float(sd), "unit": unit, "share": float(sd / usual), "seconds": tau}
-        for name, sd, usual, unit in zip(path.channels, noise.process, path.usual, ("m/s", "m/s", "rad/s"))
+        name: {"sd": float(sd), "unit": unit, "share": float(sd / usual), "seconds": float(tau)}
+        for (name, unit), sd, usual, tau in zip(path.pushes.items(), noise.process, path.usual, lasts)
     }
     return {"sensor": sensor, "process": process, "outliers": int(((path.present > 1) & np.isfinite(path.present)).any(1).sum())}
 
 
-def _contributions(path, fit, proved, starts):
-    """{effect: {H: rise of the gap, m, without it}}."""
-    whole = ahead.rms(ahead.errors(path, fit.causes, starts)["position"])
-    rest = [ahead.rms(ahead.errors(path, p.rest.causes, starts)["position"]) for p in proved]
-    return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, without - whole))) for c, without in zip(fit.causes, rest)}
+def open_questions(found):
+    """(pairs of a cause and what may be it instead, names of effects that the log would hardly show)."""
+    pairs = [(cause, rival) for cause, proof in zip(found.fit.causes, found.proofs) for rival in proof.others]
+    return pairs, judge.untestable(found.search, found.fit)
 
 
-def _gap(before, after, least, seed):
-    """The `gap` of the report: position, and heading beside it."""
-    gap = ahead.summary(before["position"], after["position"], least["position"], seed)
-    heading = ahead.summary(before["heading"], after["heading"], least["heading"], seed)
-    return gap | {"heading_rad": {k: v for k, v in heading.items() if k != "ci95"}, "windows": len(before["position"])}
-
-
-def diagnose(log, platform=ddr, fresh=None, without=(), seed=0):
-    """The Diagnosis of a log (bridge.Log); fresh: another log of the robot, on which nothing is fitted."""
-    path = platform.Path(log, without)
-    check_effects(without, platform.effects(path.u))
-    found = answer(path)
-    search, fitter, fit, proved, left = found.search, found.fitter, found.fit, found.proofs, found.left
-    starts, before, after, least = found.starts, found.before, found.after, found.floor
-    hidden = judge.untestable(search, fit)
-    pairs = [(cause, rival) for cause, proof in zip(fit.causes, proved) for rival in proof.others]
-    advice = advise.advise(platform, path, fitter, pairs, hidden)
-    effects = _effects(path, fitter, fit, proved)
-    ranked = judge.ranking(search, fitter.fit_of(()), fit, proved)
-    report = {
-        "platform": platform.name,
-        "verdict": found.verdict,
-        "effects": effects,
-        "small": [c.name for c in found.small],
-        "ranking": ([{"name": "measurement_noise", "score": 1.0}] if found.verdict == "none" else [])
-        + [{"name": name, "score": float(score)} for name, score in ranked],
-        "ambiguous_with": {c.name: list(proof.others) for c, proof in zip(fit.causes, proved) if proof.others},
-        "lookalikes": [{"effects": sorted(names), "as": what} for names, what in path.lookalikes.items() if names <= set(fit.names)],
-        "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
-        "where": where.located(path, before, least, starts, fit),
-        "gap": _gap(before, after, least, seed),
-        "not_testable": hidden,
-        "contributions": _contributions(path, fit, proved, starts),
-        "unexplained": {
-            "unit": left.unit, "gap_m": left.gap, "of_gap_m": left.of, "smallest_that_matters_m": left.smallest, "share": left.share,
-            "matters": bool(left.matters), "depends_on": openset.depends(openset.gains(search, found.state)) if left.matters else [],
-        },
-        "noise": _noise(path, found.state.noise),
-        "integrator": path.variants[path.variant],
-        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": (len(log.x) - 1) * log.dt}
-        | ({"searched_rows": len(path.rows)} if len(path.rows) < len(log.x) else {}),
-        "advice": {"drive": advice[0], "words": advice[1], "separation": advice[3]} if advice else None,
+def left_over(found):
+    """The `unexplained` of the report."""
+    left = found.left
+    return {
+        "unit": left.unit, "gap": left.gap, "of_gap": left.of, "smallest_that_matters": left.smallest, "share": left.share,
+        "matters": bool(left.matters), "depends_on": openset.depends(openset.gains(found.search, found.state)) if left.matters else [],
     }  # fmt: skip
-    result = Diagnosis(report, log, path, fit, starts, before, after, least, advice)
-    if fresh is not None:
-        _add_fresh(result, platform, fresh, seed)
-    return result
 
 
-def in_log_time(report, t0):
-    """The report with segments in the log's own time, which need not begin at zero."""
-    effects = [effect | {"segments": [[a + t0, b + t0] for a, b in effect["segments"]]} for effect in report["effects"]]
-    where = report["where"] | {"segments": [[a + t0, b + t0, share] for a, b, share in report["where"]["segments"]]}
-    return report | {"effects": effects, "where": where}
+def report_of(found, where, hidden, unexplained=None, seed=0):
+    """What the report of any platform has.
+
+    where, unexplained: its parts of these names; hidden: effects that the log would hardly show.
+    """
+    path, log, fit = found.path, found.path.log, found.fit
+    fitter, names = found.fitter, {*fit.names}
+    return {
+        "verdict": found.verdict,
+        "effects": effects(found),
+        "small": [told(path, cause) for cause in found.small],
+        "ranking": [{"name": n, "score": float(s)} for n, s in judge.ranking(found.search, fitter.fit_of(()), fit, found.proofs)],
+        "ambiguous_with": {c.name: list(p.others) for c, p in zip(fit.causes, found.proofs) if p.others},
+        "lookalikes": [{"effects": sorted(some), "as": what} for some, what in path.lookalikes.items() if some <= names],
+        "suggested_excitation": "",
+        "where": where,
+        **gaps(path, found.before, found.after, found.floor, seed),
+        "not_testable": hidden,
+        "unexplained": left_over(found) if unexplained is None else unexplained,
+        "noise": noise(path, found.state.noise),
+        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": elsewhere.seconds(log)},
+    }  # fmt: skip
 
 
-def _add_fresh(result, platform, fresh, seed):
-    """The same fitted model on another log: only the noise is measured there, and whether that acts which came or went."""
-    path = platform.Path(fresh, variant=result.path.variant)
-    search = Search(path)
-    fitter = search.fitter
+def on_fresh(result, path):
+    """The `fresh` of the report, on the Path of another log.
+
+    Nothing is fitted there but its noise, and whether that acts which came or went.
+    """
+    search, causes = Search(path), result.fit.causes
     parameters = {name: effect.parameters for name, effect in path.effects.items()}
-    carried = elsewhere.carry(result.fit.causes, parameters, (result.log, fresh), lambda causes: fitter.fit_of(causes).cost)
+    carried = elsewhere.carry(causes, parameters, (result.log, path.log), lambda some: search.fitter.fit_of(some).cost)
     causes = elsewhere.acting(carried)
-    noise = search.robust(search.likeliest(fitter.fit_of(causes))).noise
+    path.about(causes)
+    state = search.referred(search.robust(search.likeliest(search.fitter.fit_of(causes))))
     starts = ahead.starts_of(path)
-    parts = [ahead.errors(path, some, starts) for some in ((), causes)]
-    gap = _gap(*parts, ahead.floor(path, noise.quiet(path), starts), seed)
-    result.report["fresh"] = {"gap": gap, "effects": elsewhere.told(carried, parameters)}
+    before, after = (ahead.errors(path, some, starts) for some in ((), causes))
+    least = ahead.floor(path, state.noise.quiet(path), starts)
+    return {**gaps(path, before, after, least), "effects": elsewhere.told(carried, parameters)}

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, write_json
 from ..plumbing.workers import each, workers
-from . import words
+from .report import words
 
 
 def _diagnosed(command, log, out):

@@ -1,1 +1,1 @@
-"""The robots that come with TinyKoop, as the diagnoser sees them: one file each."""
+"""Robots as the diagnoser takes them: those that come with TinyKoop, and one's own."""

@@ -26,6 +26,7 @@ class Effect:
     threshold: bool = False  # no slope tells its size
     curve: bool = False  # a log seldom settles its parameters one by one
     steady: bool = True  # half of it does about half of what it does
+    formula: str = ""  # what it does, where no words say so
     transient: bool = field(default=False, kw_only=True)  # shows when it sets in, and hardly after
 
     @property

@@ -9,11 +9,12 @@ class Path:
     """A log of K rows, with values and answers that suit a simulator whose steps can be asked for at any time.
 
     A platform has also: t, dt, rows, breaks, begins, whole, settled (rows and their times); measured, present, finest, alike, channels,
-    gaps (what is compared); A, G, C, spread, usual (slopes along the path, for noise); effects, variants, variant; and steps(), ahead(),
+    gaps (what is compared), sensors, pushes (units of noise and random motion); A, G, C, spread, usual (slopes along the path, for noise); effects, variants, variant; and steps(), ahead(),
     step_by(), most_starts(), smallest_of(), generic().
     """
 
     noises = noise  # or another that has first(), whitened(), likeliest() and ahead()
+    sensor_scale = 1.0  # from the noise that the engine reckons with to that of a sensor, for the report
     lookalikes: dict = {}  # {effects that together look like something that is no effect here: what}
     tiny = 0.0  # of its usual size: what is less does not matter
     steady = False  # whether one command was held all along

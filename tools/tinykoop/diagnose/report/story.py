@@ -1,244 +1,561 @@
-"""What a report says: sections of sentences, tables and figures, for whoever renders them."""
+"""What a report says, told once: sections of tables, figures and sentences, for whoever renders them."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
+from ...plumbing.results import number
+from ..elsewhere import AT_END
+from . import figures, words
+from .words import capital, listed, percent, real, title
 
-from .. import figures, words
-from ..prediction_errors.ahead import HORIZONS
-
-MOST_RANKED = 8
-SURE = 0.9
+SURE = 0.9  # a confidence below is said beside the verdict
+COLOURED = 0.95  # noise that correlates as much is hard to tell from slow errors
+WHITE = 0.1  # correlation of noise that counts as none
 MOVES = 0.01  # of the usual rate, from which on random motion is told
+STANDS_OUT = 1.2  # times the average, from which on a region is told
+LOUDER = 1.5  # times its share of the time, that a part of the gap must be to be told
+HIDDEN = 0.1  # standard deviations per row, below which an experiment separates nothing
+LEADING = 0.1  # share of what is left, from which on its dependence is told
+MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
+MOST_RIVALS, MOST_RANKED, MOST_REGIONS, MOST_PARTS = 3, 8, 4, 3
+DEGREES = (180 / math.pi, "deg")
+
+GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
+EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "sure", "acts", "remark")
+SCORE = "Above 1: found, and needed beside the others. Below 1: the share of their work that it would do in their place."
+CLOSED = "Closed: share of the gap above the noise floor that is gone, on rows left out of the fit; none where the gap is about the noise."
+
+
+@dataclass(frozen=True)
+class Table:
+    caption: str
+    headers: tuple
+    rows: list
+    brief: bool = False  # on a terminal, too
 
 
 @dataclass(frozen=True)
 class Section:
     heading: str
-    sentences: tuple = ()
-    tables: tuple = ()  # (caption, headers, rows)
+    tables: tuple = ()
+    note: str = ""
     figures: tuple = ()  # (caption, SVG)
+    sentences: tuple = ()
+    brief: int = 0  # sentences that a terminal shows
+    file: tuple = ()  # (text, name, contents) of a file to take along
+
+    def __bool__(self):
+        return bool(self.tables or self.figures or self.sentences)
 
 
 @dataclass(frozen=True)
 class Story:
+    """head: what ten seconds are enough for."""
+
     verdict: str  # of the contract
+    files: str
     sentence: str
-    asides: tuple = ()
-    sections: tuple = field(default=())
+    asides: tuple
+    head: Section
+    sections: tuple
 
 
-def size_of(unit):
-    """How a quantity of this unit is written."""
-    return {"m": words.length, "rad": words.angle}.get(unit, lambda value: words.quantity(value, unit))
+class Teller:
+    """Tells the report of a Diagnosis; a platform has its own phrases and figures, and says more."""
 
+    phrases: dict = {}  # {effect: what it does, in plain words, as a function of its parameters}
+    log = "log"
+    experiment = "What to record next"
+    record = "Record it as a log of its own and diagnose that, or give it with --fresh to try what was found here."
+    title = staticmethod(title)
 
-def effect_text(effect):
-    """gain:speed, a = 0.08."""
-    values = words.listed(f"{name} = {words.quantity(value, effect['units'][name])}" for name, value in effect["params"].items())
-    return f"{effect['name']} ({effect['formula']}), {values}"
+    def __init__(self, result):
+        self.result, self.report = result, result.report
+        self.effects, self.left = self.report["effects"], self.report["unexplained"]
+        self.name, self.gap, self.size = self.gaps(self.report)[0]
 
+    def story(self):
+        report = self.report
+        files = Path(report["log_file"]).name if report.get("log_file") else self.log
+        files += f", fresh log {Path(report['fresh_file']).name}" if report.get("fresh_file") else ""
+        sections = self.where(), self.which(), self.much(), self.open(), self.next(), self.measured()
+        told = tuple(section for section in sections if section)
+        return Story(report["verdict"], files, self.sentence(), tuple(self.asides()), self.head(), told)
 
-def _longest(gap):
-    return list(gap["before"])[-1]
+    # ---- gaps ----------------------------------------------------------------------------------------
 
+    def gaps(self, part):
+        """[(name, gap, how its size is written)] of the report or of its fresh part, that which the verdict is about first."""
+        found = [(name, gap, words.size_of(gap["unit"])) for name, gap in part["gaps"].items()]
+        return sorted(found, key=lambda one: one[1]["unit"] != self.left.get("unit", one[1]["unit"]))
 
-def fall(name, gap, ahead=""):
-    """How far the error of one gap falls."""
-    size, key = size_of(gap["unit"]), _longest(gap)
-    before, after, floor = (size(gap[part][key]) for part in ("before", "after", "noise_floor"))
-    said = f"{key} steps ahead{ahead} the {name} error is {before}"
-    return (
-        f"{said}, where noise alone makes {floor}"
-        if before == after
-        else f"{said} without and {after} with that; noise alone makes {floor}"
-    )
+    @staticmethod
+    def horizon(gap):
+        """The longest horizon that could be measured; None without any."""
+        return max((key for key, value in gap["before"].items() if math.isfinite(real(value))), key=int, default=None)
 
+    def told_at(self, gap):
+        """The horizon to speak of."""
+        return self.horizon(gap)
 
-def _first_gap(report):
-    return next(iter(report["gaps"].items()))
+    def steps(self, key):
+        """50 steps = 2.5 s."""
+        return f"{key} step{'s' if int(key) > 1 else ''} = {int(key) * real(self.report['log']['dt']):.3g} s"
 
+    def ahead(self, key):
+        """50 steps = 2.5 s ahead."""
+        return f"{self.steps(key)} ahead"
 
-def sentence(report):
-    """The verdict in one sentence."""
-    named = words.listed(effect_text(e) for e in report["effects"])
-    name, gap = _first_gap(report)
-    since = report["healthy"]["logs"] > 0
-    if report["verdict"] == "none":
-        what = "Nothing has changed since the healthy logs" if since else "The simulator explains this log down to its noise"
-        return f"{what}: {fall(name, gap)}."
-    if report["verdict"] == "known":
-        return f"What {'has changed since the healthy logs' if since else 'the simulator lacks'}: {named}. {words.capital(fall(name, gap))}."
-    if report["verdict"] == "partly":
-        return f"Part of the gap is {named}; something more is left. {words.capital(fall(name, gap))}."
-    return f"The simulator lacks something that none of the effects explains: {fall(name, gap)}."
+    def sizes(self, gap, key):
+        """Before, after and floor as text."""
+        return [self.size(gap[part][key]) for part in ("before", "after", "noise_floor")]
 
+    def shrinks(self, gap, key):
+        """0.45 m to 15 mm, 50 steps = 2.5 s ahead; noise floor 15 mm."""
+        before, after, least = self.sizes(gap, key)
+        return f"{before} to {after}, {self.ahead(key)}; noise floor {least}"
 
-def asides(report):
-    said = []
-    for effect in report["effects"]:
-        others = report["ambiguous_with"].get(effect["name"], [])
-        if others:
-            said.append(f"On this log {words.listed(others, 'or')} would do the same as {effect['name']}.")
-        elif effect["confidence"] < SURE:
-            said.append(f"{effect['name']} is {words.percent(effect['confidence'])} sure.")
-    for effect in report["best_fit"][:1]:
-        said.append(f"The best fit, which is not believed: {words.listed(effect_text(e) for e in report['best_fit'])}.")
-    if report["small"]:
-        said.append(f"Significant, but too small to matter: {words.listed(effect_text(e) for e in report['small'])}.")
-    left = report["unexplained"]
-    if left["depends_on"]:
-        said.append(
-            "What is left goes with " + words.listed(f"{d['on']} (it acts on {d['channel']})" for d in left["depends_on"][:2]) + "."
-        )
-    if report["time_step"]["matters"]:
-        said.append("The simulator's step of time is too long for this log: shorter steps bring it nearer. That is taken into account.")
-    if "surrogate" in report:
-        said.append(_of_surrogate(report))
-    return tuple(said)
-
-
-def _of_surrogate(report):
-    """What stood in the place of a simulator that is known by a recorded run alone."""
-    surrogate = report["surrogate"]
-    worst = words.percent(max(surrogate["off"].values()))
-    return (
-        f"The simulator is known only by its run {surrogate['file']}: a surrogate, which was fitted to that run, stood in for it."
-        f" {surrogate['rows']} steps ahead, on rows that it was not fitted to, the surrogate is off by {worst} of this log's noise at most."
-    )
-
-
-GAP_HEADERS = ("steps ahead", "before", "after", "noise floor", "closed", "95 % interval")
-
-
-def gap_rows(gap):
-    size, rows = size_of(gap["unit"]), []
-    for key in gap["before"]:
-        low, high = gap["ci95"][key]
-        rows.append(
+    def gap_rows(self, gap, size):
+        """[(horizon, before, after, floor, closed, interval)]."""
+        return [
             (
-                key,
-                *(size(gap[part][key]) for part in ("before", "after", "noise_floor")),
-                words.percent(gap["closed_fraction"][key]),
-                words.spread(low, high),
+                self.steps(key), *(size(gap[part][key]) for part in ("before", "after", "noise_floor")),
+                percent(gap["closed_fraction"][key]), words.spread(*gap["ci95"][key]),
             )
+            for key in gap["before"]
+        ]  # fmt: skip
+
+    def gap_figure(self, gap, size, name="", place=""):
+        """(caption, bars of before, after and floor for every horizon)."""
+        caption = self.gap_caption(gap, size, place)
+        caption = f"{capital(name)}: {caption}" if name else caption
+        return caption, figures.gap(self.gap_rows(gap, size), gap, size, bool(self.effects), caption)
+
+    def gap_caption(self, gap, size, place=""):
+        """What the bars bear out."""
+        key = self.horizon(gap)
+        if key is None:
+            return f"The gap{place} could not be measured"
+        before, after, least = (real(gap[part][key]) for part in ("before", "after", "noise_floor"))
+        when = capital(self.ahead(key))
+        if not self.effects:
+            return f"{when} the simulator is {size(before)} off{place}, where noise alone makes {size(least)}"
+        if size(after) == size(before):
+            return f"{when} the error stays at {size(after)}{place}; noise alone makes {size(least)}"
+        if after > before:
+            return f"{when} the error grows from {size(before)} to {size(after)}{place}"
+        return f"{when} the error falls from {size(before)} to {size(after)}{place}; noise alone makes {size(least)}"
+
+    # ---- effects -------------------------------------------------------------------------------------
+
+    def phrase(self, effect):
+        """What an effect does, in plain words; name and parameters of one that has no phrase."""
+        try:
+            return self.phrases[effect["name"]](effect["params"])
+        except (KeyError, TypeError):
+            units = effect.get("units", {})
+            values = (f"{name} = {words.quantity(value, units.get(name, '1'))}" for name, value in effect["params"].items())
+            return f"{self.title(effect['name'])} acts ({', '.join(values)})"
+
+    def rivals(self, name):
+        """Effects that this one may as well be, each once."""
+        return [self.title(rival) for rival in dict.fromkeys(self.report["ambiguous_with"].get(name, ()))]
+
+    def acts(self, effect):
+        return words.acts(effect, self.report)
+
+    def named(self, effect):
+        """Phrase, name, rivals and times of one effect."""
+        also = self.rivals(effect["name"])
+        if len(also) > MOST_RIVALS:
+            also = [*also[:MOST_RIVALS], f"{len(also) - MOST_RIVALS} more"]
+        name = listed([self.title(effect["name"]), *also], "or") + (": this log cannot tell which" if also else "")
+        when = self.acts(effect)
+        how = "in" if len(effect["segments"]) > words.MOST_SPANS else "from"
+        return f"{self.phrase(effect)} ({name})" + ("" if when == "whole log" else f" {how} {when}")
+
+    def causes(self):
+        """What acts: phrases of a few effects, names of many."""
+        if len(self.effects) <= MOST_PHRASES:
+            return " and ".join(self.named(effect) for effect in self.effects)
+        names = []
+        for effect in self.effects:
+            also = self.rivals(effect["name"])
+            names.append(self.title(effect["name"]) + (f" (or {listed(also, 'or')})" if also else ""))
+        return f"{len(self.effects)} effects act, {listed(names)}"
+
+    def effect_rows(self, effects):
+        """One row per parameter."""
+        rows = []
+        for effect in effects:
+            for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect)):
+                first = (self.title(effect["name"]), percent(effect["confidence"]), self.acts(effect)) if i == 0 else ("", "", "")
+                rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
+        return rows
+
+    # ---- verdict -------------------------------------------------------------------------------------
+
+    def sentence(self):
+        """The verdict in one sentence."""
+        verdict = self.report["verdict"]
+        if verdict == "none":
+            return f"None: {self.nothing()}: {self._none()}."
+        if verdict == "known":
+            return f"Known{', but PARTLY explained' if self.left['matters'] else ''}: {self.causes()}; {self.closing()}."
+        if not self.effects:
+            return f"Unknown: the simulator is off by {self.size(self.left['of_gap'])} without noise; {self.unexplained('the gap')}."
+        names = listed(self.title(effect["name"]) for effect in self.effects)
+        return f"Unknown, PARTLY explained: with {names}, {self._closed_in_part()}; {self.unexplained('what is left')}."
+
+    def nothing(self):
+        return f"the simulator explains this {self.log} down to its noise"
+
+    def closing(self):
+        """How far the effects close the gap."""
+        key = self.horizon(self.gap)
+        if key is None:
+            return "the log is too broken up to measure the gap"
+        them = "them" if len(self.effects) > 1 else "it"
+        if not math.isfinite(real(self.gap["closed_fraction"][key])):
+            before, _, least = self.sizes(self.gap, key)
+            return f"the gap is about the noise ({before} against {least}, {self.ahead(key)}): no percentage can be given"
+        return f"adding {them} closes {percent(self.gap['closed_fraction'][key])} of the gap ({self.shrinks(self.gap, key)})"
+
+    def _closed_in_part(self):
+        """What effects that are not the whole cause do: the smaller one of what they close and what they explain."""
+        key, explained = self.horizon(self.gap), 1 - real(self.left["share"])
+        if key is None:
+            return f"{percent(explained)} of the gap is explained"
+        closed = real(self.gap["closed_fraction"][key])
+        part = min(explained, closed) if math.isfinite(closed) else explained
+        return f"{percent(part)} of the gap closes ({self.shrinks(self.gap, key)})"
+
+    def _none(self):
+        key = self.horizon(self.gap)
+        if key is None:
+            return "the log is too broken up to measure the gap"
+        before, _, least = self.sizes(self.gap, key)
+        off = f"{self.ahead(key)} it is {before} off, where noise alone makes {least}"
+        systematic, smallest = real(self.left["of_gap"]), real(self.left["smallest_that_matters"])
+        if systematic < smallest:
+            return f"{off}; the gap without noise, {self.size(systematic)}, is below the smallest that matters, {self.size(smallest)}"
+        return f"{off}; what is left shows no system"
+
+    def depends(self):
+        """On what the unexplained part depends; empty where nothing is left that matters."""
+        found = self.left["depends_on"] if self.left["matters"] else []
+        strong = [d for d in found if real(d["share"]) >= LEADING][:MOST_PARTS] or found[:1]
+        plain = {"place": "position", "heading": "the heading"}
+        return listed(f"{plain.get(d['on'], d['on'])} ({d['channel']} error)" for d in strong)
+
+    def unexplained(self, what):
+        """That no effect explains the gap, or what is left of it, and on what that depends where it is known."""
+        on = self.depends()
+        return f"{what} depends on {on} and none of the known effects explains it" if on else f"none of the known effects explains {what}"
+
+    def asides(self):
+        """What must stand right beside the verdict: short sentences."""
+        said = []
+        if self.report["verdict"] == "known" and self.left["matters"]:
+            on = f"; it depends on {self.depends()}" if self.depends() else ""
+            said.append(f"What is left is {self.size(self.left['gap'])} of {self.size(self.left['of_gap'])} without noise{on}.")
+        return said + self.doubts() + self.small() + self.tried()
+
+    def doubts(self):
+        """Why the effects may not be the cause."""
+        said, best = [], self.report.get("best_fit")
+        if best:
+            said.append(f"The best that the known effects can do, which is not the cause: {listed(self.phrase(e) for e in best)}.")
+        if self.report["verdict"] == "unknown" and self.effects:
+            said.append("The effects listed are the best that the known ones can do; do not take them for the cause.")
+        doubtful = [e for e in self.effects if not real(e["confidence"]) >= SURE and self.report["verdict"] == "known"]
+        if doubtful:
+            said.append(f"Not certain: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in doubtful)} sure.")
+        return said
+
+    def small(self):
+        """What is significant and does not matter."""
+        small = self.report["small"]
+        return [f"Significant, but too small to matter on this log: {listed(self.phrase(e) for e in small)}."] if small else []
+
+    def tried(self):
+        """On what the effects were tried."""
+        if "fresh" in self.report:
+            return [self._on_fresh(), *self._carried()]
+        return ["Tried on rows of this log that were left out of the fit, not on a fresh log."] if self.effects else []
+
+    def _carried(self):
+        """When effects of a part of the log act on the fresh one, and how large one grows that grows with time."""
+        said, there = [], {effect["name"]: effect for effect in self.report["fresh"].get("effects", ())}
+        for effect in self.effects:
+            name, on = self.title(effect["name"]), there.get(effect["name"])
+            if on and (self.acts(effect) != "whole log" or not on["acts"]):
+                how = "to act all along" if on["acts"] else "not to act"
+                said.append(f"{capital(name)} acts in a part of this log; on the fresh log it is taken {how}, which fits better.")
+            if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
+                said.append(f"On the fresh log {name} is taken to grow as fast, to {words.percent_of(on['params'][AT_END])} at its end.")
+        return said
+
+    def _on_fresh(self):
+        """What the same model does on the fresh log, in one sentence."""
+        _, gap, _ = self.gaps(self.report["fresh"])[0]
+        key = self.told_at(gap)
+        if key is None:
+            return "The fresh log is too broken up to measure the gap."
+        before, after, least = self.sizes(gap, key)
+        part = real(gap["closed_fraction"][key])
+        if not self.effects:
+            return f"On the fresh log the simulator is {before} off, {self.ahead(key)}; noise alone makes {least}."
+        if not math.isfinite(part):
+            return f"On the fresh log the gap is about the noise ({before} against {least})."
+        if part < 0:
+            return f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."
+        return f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({self.shrinks(gap, key)})."
+
+    # ---- sections ------------------------------------------------------------------------------------
+
+    def head(self):
+        """The gap, what the platform shows of predictions, and the effects where the first sentence has no room for them."""
+        told = self.report["verdict"] == "known" and len(self.effects) <= MOST_PHRASES
+        causes = () if told else tuple(
+            f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}, {percent(e['confidence'])} sure)" for e in self.effects
+        )  # fmt: skip
+        return Section("", figures=(self.gap_figure(self.gap, self.size), self.predictions()), sentences=causes)
+
+    def predictions(self):
+        """(caption, figure) of predictions beside the log: the platform's."""
+        raise NotImplementedError
+
+    def times(self):
+        """(caption, figure) of the error over time."""
+        key, caption = self.horizon(self.gap), self.time_caption()
+        error = f"error {self.ahead(key)}" if key else "error"
+        return caption, self.over_time(*self.errors(list(self.gap["before"]).index(key) if key else 0), error, caption)
+
+    def errors(self, j):
+        """(before, after, floor (W,), unit) of predictions at horizon j."""
+        found, (factor, unit) = self.result.found, DEGREES if self.gap["unit"] == "rad" else (1.0, self.gap["unit"])
+        return [part[self.name][:, j] * factor for part in (found.before, found.after, found.floor)], unit
+
+    def over_time(self, errors, unit, error, caption):
+        found, with_effects = self.result.found, bool(self.effects)
+        acts = [(f"{self.title(e['name'])}: {self.acts(e)}", e["segments"]) for e in self.effects]
+        errors = errors if with_effects else errors[::2]
+        ends = (0, real(self.report["log"]["seconds"]))
+        return figures.over_time(found.path.t[found.starts], errors, ends, self.segments(), acts, caption, f"{error} ({unit})")
+
+    def segments(self):
+        """Shares of the gap over time, where there is one."""
+        return self.report["where"]["segments"] if self.report["verdict"] != "none" else ()
+
+    def located(self):
+        """Whether the report says where the gap lies."""
+        return self.report["verdict"] != "none" and sum(real(part) for part in self.report["where"]["channels"].values()) > 0
+
+    def where(self):
+        shown = (self.times(), self.channels()) if self.located() else (self.times(),)
+        return Section("Where and when", figures=shown, sentences=tuple(self.places()))
+
+    def channels(self):
+        """(caption, bars of the share of each channel)."""
+        shares = self.report["where"]["channels"]
+        name, part = max(shares.items(), key=lambda item: real(item[1]))
+        caption = f"The largest part of the gap is {name} error: {percent(part)}"
+        return caption, figures.bars([(name, real(part), percent(part), "bar-before") for name, part in shares.items()], caption)
+
+    def time_caption(self):
+        """When the gap is there."""
+        if self.report["verdict"] == "none":
+            return "The error stays about the noise from the first row to the last"
+        if not self.located():
+            return "The error over time"
+        start, end, part = max(self._parts(), key=lambda s: s[2] / max(s[1] - s[0], 1e-9))
+        of = (end - start) / real(self.report["log"]["seconds"])
+        if part > LOUDER * of:
+            return f"The gap is largest from {words.span(start, end)}: {percent(part)} of it in {percent(of)} of the time"
+        return "The gap is spread over the whole log"
+
+    def _parts(self):
+        return [[real(v) for v in part] for part in self.report["where"]["segments"]]
+
+    def places(self):
+        """Where the gap lies, in sentences."""
+        if self.report["verdict"] == "none":
+            return ["There is no gap to locate: what is left is noise."]
+        if not self.located():
+            return ["The gap could not be located."]
+        end = real(self.report["log"]["seconds"])
+        heavy = sorted((s for s in self._parts() if s[1] > s[0] and s[2] > LOUDER * (s[1] - s[0]) / end), key=lambda s: -s[2])[:MOST_PARTS]
+        parts = listed(f"from {words.span(a, b)} ({percent(part)} of it)" for a, b, part in heavy)
+        return ([f"It is larger than elsewhere {parts}."] if heavy else []) + self._regions() + self._left_over()
+
+    def _regions(self):
+        said = []
+        for r in [r for r in self.report["where"]["regions"] if real(r["times_average"]) > STANDS_OUT][:MOST_REGIONS]:
+            low, high = real(r["from"]), real(r["to"])
+            places = words.places_of(high, low, high)
+            reach = f"{words.quantity(low, '1', places)} to {words.quantity(high, r['unit'], places)}"
+            said.append(f"At {r['variable']} of {reach} it is {real(r['times_average']):.1f} times the average.")
+        return said
+
+    def _left_over(self):
+        return [f"What is left unexplained depends on {self.depends()}."] if self.depends() else []
+
+    def which(self):
+        """The effects with their parameters, and the ranking beside what each is worth."""
+        shown, tables, note = self.effects or self.report.get("best_fit", []), (), SCORE
+        if shown:
+            tables = (Table("Effects" if self.effects else "Best fit", EFFECT_HEADERS, self.effect_rows(shown), True),)
+            worth = ", ".join(f"{self.title(e['name'])} {number(real(e['evidence']))}" for e in shown)
+            note = f"Evidence (rise of the squared misfit, in units of the noise, without the effect): {worth}. {SCORE}"
+        drawn = (self.ranking(), *self.contributions()) if self.report["ranking"] else ()
+        return Section("Which effect", tables, note, drawn)
+
+    def ranked(self):
+        """(effects, ranking) that are compared."""
+        return self.effects, self.report["ranking"]
+
+    def ranking(self):
+        """(caption, bars of the scores; those that were found are solid)."""
+        found = {e["name"] for e in self.effects}
+        rows = [r for r in self.report["ranking"] if real(r["score"]) >= 0.005 or r["name"] in found][:MOST_RANKED]
+        caption = self.ranking_caption()
+        kinds = ["bar-after" if r["name"] in found else "bar-floor" for r in rows]
+        return caption, figures.bars(
+            [(self.title(r["name"]), real(r["score"]), f"{real(r['score']):.2f}", kind) for r, kind in zip(rows, kinds)], caption
         )
-    return rows
 
+    def ranking_caption(self):
+        """What the ranking bears out."""
+        effects, ranking = self.ranked()
+        if self.report["verdict"] == "none":
+            return "No effect explains more than noise does"
+        if not effects:
+            return "No known effect is worth adding"
+        rest = [row for row in ranking if row["name"] not in {e["name"] for e in effects}]
+        if not rest:
+            return f"{capital(self.title(effects[-1]['name']))} is needed"
+        part = percent(min(real(rest[0]["score"]), 1))
+        return f"Next comes {self.title(rest[0]['name'])}: in place of what was found it would do {part} of the work"
 
-def gap_figure(name, gap):
-    """Bars of before, after and floor."""
-    size, rows = size_of(gap["unit"]), []
-    for key in gap["before"]:
-        rows.append((f"{key} step{'s' if key != '1' else ''} ahead",))
-        for part, text, kind in (
-            ("before", "before", "bar-before"),
-            ("after", "after", "bar-after"),
-            ("noise_floor", "noise floor", "bar-floor"),
-        ):
-            rows.append((text, words.real(gap[part][key]), size(gap[part][key]), kind))
-    caption = words.capital(fall(name, gap))
-    return caption, figures.bars(rows, caption)
+    def contributions(self):
+        """[(caption, bars of what each effect is worth beside the others)]."""
+        worth, key = self.report.get("contributions", {}), self.horizon(self.report["gap"])
+        if len(worth) < self.fewest_worth or not key:
+            return []
+        sizes, size = {name: real(by[key]) for name, by in worth.items()}, words.size_of(self.report["gap"]["unit"])
+        caption = self.contribution_caption(max(sizes, key=sizes.get), size(max(sizes.values())), key)
+        return [(caption, figures.bars([(self.title(name), value, size(value), "bar-after") for name, value in sizes.items()], caption))]
 
+    fewest_worth = 2
 
-def effect_table(effects):
-    rows = []
-    for effect in effects:
-        for i, (name, value, interval, _) in enumerate(words.parameters(effect)):
-            first, sure, formula = (effect["name"], words.percent(effect["confidence"]), effect["formula"]) if i == 0 else ("", "", "")
-            rows.append((first, f"{name} = {value}", interval, sure, formula))
-    return ("Effects", ("effect", "parameter", "95 % interval", "sure", "what it does"), rows)
+    def contribution_caption(self, best, size, key):
+        return f"{capital(self.title(best))} matters most: without it the error grows by {size}"
 
+    def much(self):
+        """Tables of all gaps and horizons, and the fresh log."""
+        tables, drawn = [], []
+        for i, (name, gap, size) in enumerate(self.gaps(self.report)):
+            tables.append(Table(f"Gap, {name}", GAP_HEADERS, self.gap_rows(gap, size), i == 0))
+            drawn += [self.gap_figure(gap, size, name)] if i else []
+        if "fresh" in self.report:
+            name, gap, size = self.gaps(self.report["fresh"])[0]
+            tables.append(Table(f"Gap on the fresh log, nothing fitted again, {name}", GAP_HEADERS, self.gap_rows(gap, size), True))
+            drawn.append(self.gap_figure(gap, size, place=" on the fresh log"))
+        return Section("How much", tuple(tables), f"RMS error. {CLOSED}", tuple(drawn))
 
-def series_figure(result):
-    """The channel with the most of the gap over time: predictions in turn, without and with the effects."""
-    path, shares = result.path, result.report["where"]["channels"]
-    names = list(shares)
-    c = int(np.argmax(list(shares.values())))
-    channel = path.robot.channels[c]
-    length = max(min(HORIZONS[-1], len(path.rows) // 4), 1)
-    starts = np.arange(path.settled, len(path.rows) - length, length)
-    t = path.t[starts[:, None] + np.arange(1, length + 1)]
-    before, after = (path.ahead(causes, starts, tuple(range(1, length + 1)))[..., c] for causes in ((), result.answer.fit.causes))
-    key = (("before", "without"), ("after", "with the effects")) if result.answer.fit.causes else (("before", "simulator"),)
-    panel = figures.Panel((56, 40, figures.WIDTH - 66, 180), (0, float(path.t[-1])), figures.extent(np.r_[before.ravel(), after.ravel()]))
-    parts = [figures.legend(0, 14, key), panel.frame("time (s)", f"error of {channel.name} ({channel.unit})")]
-    for missed, (kind, _) in zip((before, after), key):
-        x, y = (np.concatenate([values, np.full((len(values), 1), np.nan)], 1).ravel() for values in (t, missed))
-        parts.append(panel.line(x, y, f"{kind} noisy"))
-    caption = f"Most of the misfit is in {names[c]}: {words.percent(shares[names[c]])}"
-    return caption, figures.svg(260, caption, *parts)
+    def open(self):
+        said = tuple(self.cannot_tell()) or ("Nothing came up that more data would have to settle.",)
+        return Section("What this log cannot tell", sentences=said, brief=len(said) if self.cannot_tell() else 0)
 
+    def cannot_tell(self):
+        """What this log leaves open, in sentences."""
+        said = self.ambiguous()
+        for alike in self.report.get("lookalikes", ()):
+            said.append(f"{capital(listed(map(self.title, alike['effects'])))} together may as well be {alike['as']}.")
+        if self.report["not_testable"]:
+            names = listed(map(self.title, self.report["not_testable"]))
+            said.append(f"NOT TESTABLE: {names}. This {self.log} would hardly show them, so they may act or not.")
+        said += self.open_parameters() + self.unmeasured()
+        if max((real(c["correlation"]) for c in self.report["noise"]["sensor"].values()), default=0) > COLOURED:
+            said.append("The noise changes so slowly that it cannot be told from slow errors: the noise floor may be too high.")
+        return said
 
-def _where(result):
-    report = result.report
-    if report["verdict"] == "none":
-        return Section("Where and when", ("There is no gap to locate: what is left is noise.",), figures=(series_figure(result),))
-    said = [
-        f"At {r['variable']} of {words.quantity(r['from'], '1')} to {words.quantity(r['to'], r['unit'])}"
-        f" it is {r['times_average']:.1f} times the average."
-        for r in report["where"]["regions"]
-    ]
-    shares = report["where"]["channels"]
-    caption = f"Largest part: {max(shares, key=shares.get)}"
-    bars = figures.bars([(name, part, words.percent(part), "bar-before") for name, part in shares.items()], caption)
-    return Section("Where and when", tuple(said), figures=(series_figure(result), (caption, bars)))
+    def ambiguous(self):
+        """Which effects this log cannot tell apart."""
+        return [
+            f"{capital(listed([self.title(e['name']), *self.rivals(e['name'])], 'or'))}: on this log they do the same."
+            for e in self.effects
+            if self.rivals(e["name"])
+        ]
 
+    def open_parameters(self):
+        """What the log leaves open of the parameters, a sentence for each effect."""
+        said = []
+        for effect in self.effects:
+            rows = [(name, bounds, remarks) for name, _, bounds, remarks in words.parameters(effect)]
+            edge = [name for name, _, remarks in rows if "at the edge of its range" in remarks]
+            free = [f"{name} {bounds}" for name, bounds, remarks in rows if "left open" in remarks and name not in edge]
+            of = self.title(effect["name"])
+            said += [f"Of {of} these are left open: {listed(free)}."] if free else []
+            said += [f"Of {of}, {listed(edge)} came out at the edge of what is allowed: the true value may lie beyond."] if edge else []
+        return said
 
-def _which(report):
-    found = {e["name"] for e in report["effects"] or report["best_fit"]}
-    rows = [r for r in report["ranking"] if r["score"] >= 0.005 or r["name"] in found][:MOST_RANKED]
-    if not rows:
-        return None
-    caption = "Above 1: found, and needed. Below 1: the share of their work that it would do alone"
-    bars = figures.bars(
-        [(r["name"], r["score"], f"{r['score']:.2f}", "bar-after" if r["name"] in found else "bar-floor") for r in rows], caption
-    )
-    effects = report["effects"] or report["best_fit"]
-    return Section("Which effect", (), (effect_table(effects),) if effects else (), ((caption, bars),))
+    def unmeasured(self):
+        """For which horizons there is no percentage."""
+        before, closed, said = self.gap["before"], self.gap["closed_fraction"], []
+        near = [key for key in before if math.isfinite(real(before[key])) and not math.isfinite(real(closed[key]))]
+        unseen = [key for key in before if not math.isfinite(real(before[key]))]
+        if near and self.report["verdict"] != "none":
+            said.append(f"{listed(near)} step{'s' if near != ['1'] else ''} ahead the gap is about the noise: no percentage there.")
+        if unseen:
+            said.append(f"No stretch of the log is long enough to predict {listed(unseen, 'or')} steps ahead.")
+        return said
 
+    def next(self):
+        """What to record next; nothing where nothing is open."""
+        said = tuple(self.advice()) if self.report.get("advice") else ()
+        return Section(self.experiment, sentences=said, brief=1)
 
-def _much(report):
-    tables, drawn = [], []
-    for name, gap in report["gaps"].items():
-        tables.append((f"Gap: {name}", GAP_HEADERS, gap_rows(gap)))
-        drawn.append(gap_figure(name, gap))
-    for name, gap in report.get("fresh", {}).get("gaps", {}).items():
-        tables.append((f"Gap on the fresh log, nothing fitted again: {name}", GAP_HEADERS, gap_rows(gap)))
-    note = "RMS errors of predictions from measured states, by sizes fitted on the other half of the log."
-    closed = "Closed: share of the gap above the noise floor that is gone."
-    return Section("How much", (note, closed), tuple(tables), tuple(drawn))
+    def settles(self):
+        """(what the advised experiment tells, in a sentence or none; the names of what it does not)."""
+        separation = [(self.title(question), real(value)) for question, value in self.report["advice"]["separation"].items()]
+        told = [f"{question} ({value:.2g})" for question, value in separation if value >= HIDDEN]
+        said = f"It tells {listed(told)}; in brackets the distance, in standard deviations of the noise per row."
+        return [said] * bool(told), [question for question, value in separation if not value >= HIDDEN]
 
+    def measured(self):
+        return Section("The log and its noise", sentences=(self.rows_of(), *self.compared(), *self.noise()))
 
-def _open(report):
-    said = []
-    if report["not_testable"]:
-        said.append(f"NOT TESTABLE: {words.listed(report['not_testable'])}. This log would hardly show them, so they may act or not.")
-    return Section("What this log cannot tell", tuple(said) or ("Nothing came up that more data would have to settle.",))
+    def rows_of(self):
+        """Size of the log and what of it was used."""
+        log = self.report["log"]
+        usable = real(log["usable"])
+        left_out = f"{100 * (1 - usable):.2g} % of the rows are masked or beside a break and were not used"
+        used = "all rows were used" if usable == 1 else left_out
+        return f"{log['rows']} rows, {words.seconds(log['seconds'])} at {words.plain(1 / real(log['dt']), 3)} Hz; {used}."
 
+    def compared(self):
+        return [f"{self.report['gap']['windows']} predictions were compared, each from a measured state, by models fitted without it."]
 
-def _measured(report):
-    log, noise = report["log"], report["noise"]
-    said = [
-        f"{log['rows']} rows, {words.seconds(log['seconds'])} at {words.plain(1 / log['dt'], 3)} Hz;"
-        f" {words.percent(log['usable'])} of the transitions are usable."
-    ]
-    said.append(
-        "Noise (one standard deviation): " + words.listed(f"{name} {size_of(n['unit'])(n['sd'])}" for name, n in noise["sensor"].items()) + "."
-    )
-    moves = [(name, n) for name, n in noise["process"].items() if n["share"] > MOVES]
-    if moves:
-        said.append(
-            "The robot's own random motion: "
-            + words.listed(f"{name} {words.quantity(n['sd'], n['unit'])} ({words.percent(n['share'])} of its usual rate)" for name, n in moves)
-            + "."
-        )
-    said.append(f"The simulator went over the log {report['passes']} times.")
-    return Section("The log and its noise", tuple(said))
+    def noise(self):
+        """What the noise is like, and the robot's own random motion."""
+        sensor = self.report["noise"]["sensor"]
+        sizes = listed(f"{words.size_of(n['unit'])(n['sd'])} ({name})" for name, n in sensor.items())
+        said = [f"The measurement noise has a standard deviation of {sizes}."]
+        correlations = listed(f"{real(n['correlation']):.2f} ({name})" for name, n in sensor.items())
+        colour = "white" if max(real(n["correlation"]) for n in sensor.values()) < WHITE else "coloured"
+        said.append(f"It is {colour}: from row to row it correlates by {correlations}.")
+        rows = self.report["noise"]["outliers"]
+        said.append(f"{rows} rows stand out of it: these outliers count less." if rows else "No reading stands out of it.")
+        return [*said, self._random_motion()]
 
-
-def story(result):
-    """The Story of a Diagnosis."""
-    report = result.report
-    sections = [_where(result), _which(report), _much(report), _open(report), _measured(report)]
-    return Story(report["verdict"], sentence(report), asides(report), tuple(s for s in sections if s))
+    def _random_motion(self):
+        """The robot's own, in shares of its usual rates."""
+        moves = {name: n for name, n in self.report["noise"]["process"].items() if real(n["share"]) > MOVES}
+        if not moves:
+            return "The robot's own random motion is too small to matter."
+        sizes = listed(f"{words.quantity(n['sd'], n['unit'])} ({name}, {percent(n['share'])} of the usual)" for name, n in moves.items())
+        lasts = words.seconds(next(iter(moves.values()))["seconds"])
+        return f"What no effect explains is like random motion of the robot that lasts {lasts}, with a standard deviation of {sizes}."

@@ -1,23 +1,27 @@
-"""A Story on the terminal: the verdict, tables, and what the log cannot tell."""
+"""A Story on the terminal: the verdict, the tables that matter most, and what the log cannot tell."""
 
-from ...plumbing.results import print_table
-from ..words import say
+from ...plumbing import results
 
-QUIET = ("Where and when", "The log and its noise")  # are for the page
+
+def say(text="", style=None):
+    results.console.print(text, highlight=False, style=style)
+
+
+def _section(section):
+    if section.sentences and section.brief:
+        say(section.heading, "bold")
+        for sentence in section.sentences[: section.brief]:
+            say(f"  {sentence}")
 
 
 def show(told, page):
+    """page: where the HTML is."""
     say()
     say(told.sentence, "bold")
     for aside in told.asides:
         say(f"  {aside}")
+    for table in (table for section in told.sections for table in section.tables if table.brief):
+        results.print_table(table.caption, table.headers, table.rows)
     for section in told.sections:
-        if section.heading not in QUIET:
-            for caption, headers, rows in section.tables:
-                print_table(caption, headers, rows)
-    for section in told.sections:
-        if section.heading == "What this log cannot tell":
-            say(section.heading, "bold")
-            for sentence in section.sentences:
-                say(f"  {sentence}")
+        _section(section)
     say(f"\nPage: {page}")

@@ -10,13 +10,13 @@ import numpy as np
 
 from ...plumbing.errors import UserError
 from ...plumbing.results import print_table
-from ..platforms.own import Path
+from ..platforms.own.path import Path
 from ..prediction_errors import ahead, spans
 from ..prediction_errors import noise as noises
 from ..prediction_errors.fit import Cause, Fitter
-from ..report.story import size_of
+from ..report.terminal import say
+from ..report.words import size_of
 from ..robot import RunsAway
-from ..words import say
 from . import toml
 from .library import preference
 from .log import noise as noise_of

@@ -4,7 +4,7 @@ import numpy as np
 
 from ... import bridge
 from ...plumbing.results import number, print_table
-from ..platforms.own import Path
+from ..platforms.own.path import Path
 from ..robot import RobotLog
 from . import is_own, library, toml
 from .log import read

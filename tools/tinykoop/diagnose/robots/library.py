@@ -31,7 +31,6 @@ WHOLE = 1e9  # stands for a bound that no robot reaches
 class Wrap(Effect):
     """act(params, action, context) gives the Action with the effect in it. The name is KIND:SIGNAL."""
 
-    formula: str = ""
     act: Callable = None
 
     @property

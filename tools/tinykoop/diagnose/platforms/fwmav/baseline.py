@@ -5,15 +5,14 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ... import bridge
-from ..platforms.fwmav import Path, effects
-from ..prediction_errors.ahead import HORIZONS
-from ..prediction_errors.fit import Fitter
-from ..prediction_errors.healthy import Whitener
+from .... import bridge
+from ...prediction_errors.ahead import HORIZONS
+from ...prediction_errors.fit import Fitter
+from ...prediction_errors.healthy import Whitener
+from .path import FIRST, Path, effects
 from .vehicle import SHAKEN, follower, measured, observer_gain, predictable, settled, turns_yaw
 
 SECONDS, SEEDS = 40, {"hover": (1001, 1002), "pitch": (1003, 1004), "yaw": (1005, 1006)}  # of the simulated flights
-FIRST = 0.3  # of its usual size, from which it is told what an effect does
 WINDOW = 10  # rows between predictions
 PART = 6.0  # s, of a healthy flight's parts, at least
 LEAST_BETWEEN = 0.01  # by which no two flights shake alike
@@ -71,8 +70,8 @@ def _feigned(path):
     fitter, out = Fitter(path, path.noises.first(path)), {}
     left = fitter.fit_of(()).left
     for name, effect in path.effects.items():
-        changes = np.stack([path.response(name, i, FIRST) for i in range(len(effect.parameters))], -1)
-        J = fitter.whiten(changes, np.zeros_like(changes)) / FIRST
+        changes = np.stack([path.response(name, i, FIRST[0]) for i in range(len(effect.parameters))], -1)
+        J = fitter.whiten(changes, np.zeros_like(changes)) / FIRST[0]
         inverse = np.linalg.pinv(J.T @ J, rcond=1e-9)
         out[name] = -inverse @ (J.T @ left), np.diag(inverse)
     return out

@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import savgol_filter
 
-from ..prediction_errors import noise as noises
-from ..prediction_errors import path, smooth
-from ..robot import RunsAway
-from ..robots import features
-from ..robots.actions import Stepper, idle
-from ..robots.library import Context, library, preference
-from ..robots.log import continued, windows
+from ...prediction_errors import noise as noises
+from ...prediction_errors import path, smooth
+from ...robot import RunsAway
+from ...robots import features
+from ...robots.actions import Stepper, idle
+from ...robots.library import Context, library, preference
+from ...robots.log import continued, windows
 
 SETTLE = 50  # rows at the beginning, and behind a gap: how actuators stood before them is not known
 ENOUGH = 0.85  # of the rows must be left then
@@ -103,6 +103,7 @@ class Path(path.Path):
         self.finest = np.maximum(1e-6 * np.abs(self.measured).max(0), 1e-12)
         self._C = self.C = robot.sense(np.eye(n), np.zeros((n, len(robot.commands)))).T
         names = [c.name for c in robot.channels]
+        self.sensors = {c.name: (c.unit, i) for i, c in enumerate(robot.channels)}
         self.gaps = {g.name: (g.unit, tuple(names.index(s) for s in g.states if s in names)) for g in robot.gaps}
 
     # ---- the path --------------------------------------------------------------------------------------------
@@ -123,6 +124,7 @@ class Path(path.Path):
         self.on, self.velocities = whole, list(self.rates)
         shown = [v for v, i in self.rates.items() if i in robot.measured]
         self.pushed = sorted({*shown, *free}) or self.velocities
+        self.pushes = {robot.states[i].name: f"{robot.states[i].unit}/s" for i in self.pushed}
         self._settle()
         if self._misfit(self._weights) > HARD * len(self.on) * len(robot.channels):
             self._cut()

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ... import bridge
-from ..flight.vehicle import ANGLES, CHANNELS, follower, observer_gain, settled, turns_yaw
-from ..prediction_errors import path
-from ..prediction_errors.fit import Effect
-from ..prediction_errors.healthy import Healthy
-from ..robot import Parameter
+from .... import bridge
+from ...prediction_errors import path
+from ...prediction_errors.fit import Effect
+from ...prediction_errors.healthy import Healthy
+from ...robot import Parameter
+from .vehicle import ANGLES, CHANNELS, UNITS, follower, observer_gain, settled, turns_yaw
 
 name = "fwmav"
 NOT_FITTED = ("vibration",)  # measured: it is noise
@@ -53,6 +53,7 @@ class Path(path.Path):
 
     channels = tuple(f"{how} {axis}" for how in ("along", "about") for axis in AXES)  # generic accelerations
     gaps = {"attitude": ("rad", tuple(range(*ANGLES.indices(len(CHANNELS)))))}
+    sensors, pushes = {channel: (unit, c) for c, (channel, unit) in enumerate(zip(CHANNELS, UNITS))}, {}
     usual = np.zeros(0)  # random motion is in the noise of healthy flights
     variants, variant = ("as it flies",), 0
     alike_rows = 50  # that tell about as much as one: a manoeuvre lasts half a second
@@ -72,7 +73,7 @@ class Path(path.Path):
         self.present = np.where(self.known, 1.0, np.inf)[:, None] * np.ones(len(CHANNELS))
         self.effects = {key: effect for key, effect in effects().items() if key not in without}
         self._seen = OrderedDict()
-        self.noises = Healthy(parts, missed)
+        self.noises, self.sensor_scale = Healthy(parts, missed), missed[0]
         self._mean = self.noises.mean(self)
         self.noises.allow(self, np.stack([*self._biases(), *self._differ(differ or {})], -1))
 

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import linalg
 
-from ... import bridge
-from ..prediction_errors.ahead import HORIZONS
-from ..prediction_errors.healthy import LAGS
+from .... import bridge
+from ...prediction_errors.ahead import HORIZONS
+from ...prediction_errors.healthy import LAGS
 
 CHANNELS = ("gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z", "roll", "pitch", "yaw")
 UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3

@@ -4,10 +4,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from ... import bridge
-from ...plumbing.errors import UserError
-from ..platforms.fwmav import acting
-from ..prediction_errors.fit import ALWAYS, Cause, Fitter
+from .... import bridge
+from ....plumbing.errors import UserError
+from ...prediction_errors.fit import ALWAYS, Cause, Fitter
+from .path import acting
 
 MENU = {"hover": "hold still", "pitch": "tip to and fro", "yaw": "turn to and fro"}
 SECONDS, PAIRS = 20, 3

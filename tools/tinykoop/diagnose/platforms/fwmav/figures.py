@@ -1,48 +1,16 @@
-"""The plots of a flight's page, as SVG, with the drawing of ../figures.py."""
+"""The plots of a flight's page, as SVG."""
 
 import numpy as np
 
-from .. import words as said
-from ..figures import WIDTH, Panel, bars, extent, legend, note, over_time, stroke, svg
-from ..prediction_errors.ahead import HORIZONS, rms
-from . import words
-from .gap import attitude
+from ...prediction_errors.ahead import HORIZONS, rms
+from ...report.figures import WIDTH, Panel, extent, legend, note, stroke, svg
+from ...report.words import angle
 from .vehicle import ANGLES, CHANNELS, SMOOTHED, UNITS, measured
 from .where import BANDS, spectrum
 
 SECONDS = 3.0  # that are drawn of the predictions, the worst
-RUNNING = 1.0  # s, over which errors are averaged: one by one they follow the turbulence
 PANELS = 3
 AXES = ("roll", "pitch", "yaw")
-
-
-def channels(report, label):
-    """Bars of every channel's error, in times that of healthy flights."""
-    before, after = (words.channel_times(report, part) for part in ("before", "after"))
-    rows = []
-    for name, times in before.items():
-        rows.append((name, times, f"{times:.2f}", "bar-before"))
-        if report["contributions"]:
-            rows.append(("", after[name], f"{after[name]:.2f}", "bar-after"))
-    return bars(rows, label)
-
-
-def _running(errors, starts, dt):
-    """RMS of the errors (W,) of the windows that start within RUNNING s."""
-    near = np.abs(starts[:, None] - starts) * dt <= RUNNING / 2
-    return rms(np.where(near, errors, np.nan), axis=1)
-
-
-def time_line(result, label):
-    """Attitude error over time, the share of the gap of each part, and when each effect acts."""
-    report = result.report
-    key = words.beyond(report["gap"])
-    ahead = said.horizon(report["gap"])
-    j = [str(H) for H in HORIZONS].index(ahead) if ahead else -1
-    errors = [_running(attitude(missed)[:, j], result.starts, result.log.dt) for missed in (result.before, result.after)]
-    errors.append(np.full(len(result.starts), attitude(result.floor)[j]))
-    error = f"RMS error {said.ahead(ahead, report)} (deg), over {RUNNING:g} s" if ahead else "error (deg)"
-    return over_time(result, result.starts, np.degrees(errors), label, error, report["where"]["segments"] if key else ())
 
 
 # ---- predictions against the log -----------------------------------------------------------------
@@ -50,19 +18,19 @@ def time_line(result, label):
 
 def _axis(result):
     """Of the angle that the cause moves most, in times its noise; of the one that is most off where it is not known."""
-    known = result.report["verdict"] == "known" and result.report["contributions"]
-    moved = result.before - result.after if known else result.before
-    return int(np.argmax(rms(moved[:, -1, ANGLES]) / result.floor[-1, ANGLES]))
+    known, (before, after) = result.report["verdict"] == "known" and result.report["contributions"], result.more["missed"]
+    moved = before - after if known else before
+    return int(np.argmax(rms(moved[:, -1, ANGLES]) / result.path.noises.missed[-1, ANGLES]))
 
 
 def predictions(result):
     """(axis, rows (W, n + 1), before, after (W, n + 1, 9)): one after the other, in the worst seconds of an axis."""
     log, path, n, axis = result.log, result.path, HORIZONS[-1], _axis(result)
-    rows = round(SECONDS / log.dt)
-    missed = np.abs(result.before[:, -1, 6 + axis])
-    inside = [(result.starts >= a) & (result.starts <= a + rows - n) for a in result.starts]
-    worst = result.starts[int(np.argmax([rms(missed[part]) * part.sum() ** 0.5 for part in inside]))]
-    starts = np.arange(worst, min(worst + rows - n, result.starts[-1]) + 1, n)
+    rows, starts = round(SECONDS / log.dt), result.found.starts
+    missed = np.abs(result.more["missed"][0][:, -1, 6 + axis])
+    inside = [(starts >= a) & (starts <= a + rows - n) for a in starts]
+    worst = starts[int(np.argmax([rms(missed[part]) * part.sum() ** 0.5 for part in inside]))]
+    starts = np.arange(worst, min(worst + rows - n, starts[-1]) + 1, n)
     starts = starts[[log.usable[a : a + n].all() and bool(path.known[a]) for a in starts]]
     steps = np.arange(1, n + 1)
     y = measured(log)
@@ -75,14 +43,13 @@ def predictions(result):
     return axis, starts[:, None] + np.arange(n + 1), *out
 
 
-def follow(result):
+def follow(result, with_effects):
     """(caption, figure): predictions of the angle and the rate of an axis, each from the log, and the command."""
-    report, log = result.report, result.log
+    log = result.log
     axis, rows, before, after = predictions(result)
     y, t = measured(log), log.t - log.t[0]
     shown = slice(rows[0, 0], rows[-1, -1] + 1)
     off = [np.abs(p[..., 6 + axis] - y[rows, 6 + axis]).max() for p in (before, after)]
-    with_effects = bool(report["contributions"])
     keys = [("measured", "log"), ("before", "before" if with_effects else "simulator")] + [("after", "after")] * with_effects
     parts = [legend(0, 14, keys)]
     beat = max(round(SMOOTHED / log.dt), 1)
@@ -98,7 +65,8 @@ def follow(result):
     u = log.u[shown, 0]
     panel = Panel((44, 394, WIDTH - 60, 60), (t[shown][0], t[shown][-1]), extent(u))
     parts += [panel.frame("time (s)", "u (rad)", 5, 3), panel.line(t[shown], u, "command")]
-    caption = words.follow_caption(report, AXES[axis], *off)
+    caption = f"In the worst seconds {AXES[axis]}, predicted up to 0.5 s ahead, is up to {angle(off[0])} off"
+    caption += f"; with the effects {angle(off[1])}" if with_effects else ""
     return caption, svg(492, caption, *parts)
 
 
@@ -108,9 +76,9 @@ def follow(result):
 def _spectra(result):
     """(frequencies, amplitudes (3, F, 9) a root Hz): of what is missed before, after, and on healthy flights."""
     log, known = result.log, result.path.known[:, None]
-    f, before = spectrum(np.where(known, result.left[0], 0), log.dt)
-    after = spectrum(np.where(known, result.left[1], 0), log.dt)[1]
-    healthy = np.mean([spectrum(missed, flight.dt)[1] for flight, missed in result.healthy.flights], axis=0)
+    f, before = spectrum(np.where(known, result.more["innovations"][0], 0), log.dt)
+    after = spectrum(np.where(known, result.more["innovations"][1], 0), log.dt)[1]
+    healthy = np.mean([spectrum(missed, flight.dt)[1] for flight, missed in result.more["healthy"].flights], axis=0)
     amplitude = np.sqrt([before, after, healthy])[:, 1:]  # no constant on a logarithmic axis
     amplitude[..., ANGLES] = np.degrees(amplitude[..., ANGLES])
     return f[1:], amplitude
@@ -123,11 +91,10 @@ def _worst(report, amplitude):
     return list(dict.fromkeys([*named, *louder.tolist()]))[:PANELS]
 
 
-def frequencies(result, label):
+def frequencies(result, with_effects, label):
     """What the observer misses, by frequency, of the worst channels; both axes are logarithmic."""
     report = result.report
     f, amplitude = _spectra(result)
-    with_effects = bool(report["contributions"])
     keys = [("before", "before" if with_effects else "simulator")] + [("after", "after")] * with_effects + [("floor", "healthy flights")]
     parts = [legend(0, 14, keys)]
     edges = sorted({edge for band in BANDS for edge in band if edge} | {f[0]})
@@ -154,7 +121,7 @@ def _decades(panel, edges, last):
         at = float(panel.px(np.log10(edge)))
         out += [stroke(at, panel.top, at, base, "grid"), note(at, base + 15, f"{edge:g}", "tick", "middle")]
     if last:
-        for low, high, name in zip(edges, edges[1:], words.BAND_NAMES):
+        for low, high, name in zip(edges, edges[1:], BANDS.values()):
             out.append(note(float(panel.px(np.log10(low * high) / 2)), base + 30, name, "tick", "middle"))
         out.append(note(panel.left + panel.width / 2, base + 48, "frequency (Hz)", "label", "middle"))
     return "".join(out)

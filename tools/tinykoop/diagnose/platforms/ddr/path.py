@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ... import bridge
-from .. import features
-from ..prediction_errors import path
-from ..prediction_errors.fit import Effect
-from ..robot import Parameter
+from .... import bridge
+from ...prediction_errors import path
+from ...prediction_errors.fit import Effect
+from ...robot import Parameter
+from . import features
 
 name = "ddr"
 CURVES = ("pacejka_slip", "stribeck_friction")
@@ -85,6 +85,8 @@ class Path(path.Path):
     """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading."""
 
     channels = ("longitudinal", "lateral", "heading")
+    sensors = {"position": ("m", 0), "heading": ("rad", 2)}
+    pushes = dict(zip(channels, ("m/s", "m/s", "rad/s")))
     alike = np.array([0, 0, 1])
     finest = FINEST
     C = np.eye(3)

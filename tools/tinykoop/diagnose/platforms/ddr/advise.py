@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from .. import bridge
-from .prediction_errors.fit import Cause, Fitter
+from .... import bridge
+from ...prediction_errors.fit import Cause, Fitter
+from .path import Path
 
 SECONDS, FEWEST_ROWS = 40.0, 200
 PAIRS = 6  # that are to be told apart, at most
@@ -38,11 +39,11 @@ def drives(u, dt):
     }
 
 
-def _driven(platform, path, noise, u, name, params):
+def _driven(path, noise, u, name, params):
     """A Fitter on drive u (K, 2) of a robot with this effect, free of noise but judged by that of the log."""
     x = bridge.simulate(u[:-1], path.dt, active=[bridge.Effect(name, params)], integrator=path.integrator)
     log = bridge.Log(np.arange(len(x)) * path.dt, x, u, np.ones(len(x) - 1, bool), path.dt)
-    return Fitter(platform.Path(log, variant=path.variant), noise)
+    return Fitter(Path(log, variant=path.variant), noise)
 
 
 def _alone(fitter, rival):
@@ -51,7 +52,7 @@ def _alone(fitter, rival):
     return fitter.refine(min((fitter.fit_of((Cause(rival, s),)) for s in starts), key=lambda f: f.cost), 4)
 
 
-def advise(platform, path, fitter, open_pairs, untestable):
+def advise(path, fitter, open_pairs, untestable):
     """(name, words, commands, {question: separation}) of the drive with the largest least separation.
 
     None if nothing is open. Separation: standard deviations, RMS per row, between an effect and the best that the
@@ -64,11 +65,11 @@ def advise(platform, path, fitter, open_pairs, untestable):
     for title, (words, u) in drives(path.u, path.dt).items():
         separation = {}
         for cause, rival in questions:
-            alone = _alone(_driven(platform, path, fitter.noise, u, cause.name, cause.params), rival)
+            alone = _alone(_driven(path, fitter.noise, u, cause.name, cause.params), rival)
             separation[f"{cause.name} or {rival}"] = float(np.sqrt(alone.cost / len(u)))
         for name in hidden:
             usual = tuple(p.usual for p in fitter.effects[name].parameters)
-            nominal = _driven(platform, path, fitter.noise, u, name, usual).fit_of(())
+            nominal = _driven(path, fitter.noise, u, name, usual).fit_of(())
             separation[f"{name} or not"] = float(np.sqrt(nominal.cost / len(u)))
         if best is None or min(separation.values()) > min(best[3].values()):
             best = title, words, u, separation

@@ -1,0 +1,72 @@
+"""One drive in, one answer out."""
+
+import numpy as np
+
+from .... import bridge
+from ....plumbing.errors import UserError
+from ...diagnosis import Diagnosis, on_fresh, open_questions, report_of
+from ...prediction_errors import ahead
+from ...prediction_errors.answer import answer
+from ...robot import check_effects
+from . import advise, where
+from .path import Path, name
+from .path import effects as library
+
+FEWEST_ROWS, FEWEST = 60, 6  # usable transitions of a log, and in a row
+
+
+def load(path):
+    """A log that is long enough to say something about."""
+    log = bridge.read_log(path, name)
+    if log.usable.sum() < FEWEST_ROWS:
+        raise UserError(
+            f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least"
+        )
+    if _longest(log.usable) < FEWEST:
+        raise UserError(f"{path}: nowhere are {FEWEST} rows in a row usable; record it with fewer gaps")
+    if not np.any(np.abs(np.diff(log.x, axis=0)) > 0):
+        raise UserError(f"{path}: the pose never changes; record a drive in which the robot moves")
+    return log
+
+
+def read(path, fresh=None, healthy=(), robot=name, sim=None):
+    """(the log, what diagnose() takes beside it)."""
+    if healthy:
+        raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
+    return load(path), {"fresh": load(fresh) if fresh else None}
+
+
+def _longest(usable):
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], usable.astype(int), [0]]))).reshape(-1, 2)
+    return int((edges[:, 1] - edges[:, 0]).max(initial=0))
+
+
+def _contributions(found):
+    """{effect: {H: rise of the gap, m, without it}}."""
+    path, starts = found.path, found.starts
+    whole = ahead.rms(ahead.errors(path, found.fit.causes, starts)["position"])
+    rest = [ahead.rms(ahead.errors(path, proof.rest.causes, starts)["position"]) for proof in found.proofs]
+    return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, without - whole))) for c, without in zip(found.fit.causes, rest)}
+
+
+def diagnose(log, fresh=None, without=(), seed=0):
+    """The Diagnosis of a log (bridge.Log); fresh: another log of the robot, on which nothing is fitted."""
+    path = Path(log, without)
+    check_effects(without, library(path.u))
+    found = answer(path)
+    pairs, hidden = open_questions(found)
+    advice = advise.advise(path, found.fitter, pairs, hidden)
+    report = {"platform": name} | report_of(found, where.located(found), hidden, seed=seed) | {
+        "contributions": _contributions(found),
+        "integrator": path.variants[path.variant],
+        "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
+        "advice": {"drive": advice[0], "words": advice[1], "separation": advice[3]} if advice else None,
+    }  # fmt: skip
+    if found.verdict == "none":
+        report["ranking"].insert(0, {"name": "measurement_noise", "score": 1.0})
+    if len(path.rows) < len(log.x):
+        report["log"]["searched_rows"] = len(path.rows)
+    result = Diagnosis(report, found, {"drive": advice[2] if advice else None})
+    if fresh is not None:
+        report["fresh"] = on_fresh(result, Path(fresh, variant=path.variant))
+    return result

@@ -1,0 +1,7 @@
+"""Robots of one's own, each a TOML file and a simulator."""
+
+from .diagnosis import diagnose, read
+from .path import Path
+from .told import Own as Teller
+
+__all__ = ["Path", "Teller", "diagnose", "read"]

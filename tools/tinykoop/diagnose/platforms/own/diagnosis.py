@@ -1,0 +1,79 @@
+"""The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
+
+import numpy as np
+
+from ... import where
+from ...diagnosis import Diagnosis, on_fresh, report_of
+from ...prediction_errors import judge
+from ...prediction_errors.answer import answer
+from ...prediction_errors.search import Search
+from ...robot import check_effects
+from ...robots import check, toml
+from ...robots.log import joined
+from ...robots.log import read as read_log
+from .path import Path
+
+
+def read(path, fresh, healthy, robot, sim=None):
+    """(the RobotLog, what diagnose() takes beside it).
+
+    robot: a TOML file; sim: a run of the simulator under the log's commands (CSV), in the place of the TOML's.
+    """
+    described, log = toml.read_both(robot, path, sim)
+    fresh, *healthy = (read_log(file, described) if file else None for file in (fresh, *healthy))
+    return log, {"robot": described, "fresh": fresh, "healthy": healthy}
+
+
+def _where(found):
+    """Shares of the systematic misfit by channel and time, and regions that have more than theirs."""
+    path, fitter = found.path, found.search.without_motion(found.state)
+    before, after = (fitter.fit_of(causes).left.reshape(path.present.shape) ** 2 for causes in ((), found.fit.causes))
+    found.search.at(found.state)
+    systematic = before - after if found.fit.causes else np.maximum(before - 1, 0)
+    by_row = np.maximum(systematic.sum(1), 0)
+    signals = zip((*path.robot.states, *path.robot.commands), (*path.X.T, *path.log.u.T))
+    return {
+        "channels": where.shares(path.sensors, systematic.sum(0)),
+        "segments": where.parts(by_row, path.t, float(path.t[-1])),
+        "regions": where.regions(by_row, {f"size of {signal.name}": (np.abs(values), signal.unit) for signal, values in signals}),
+    }
+
+
+def _healthy(logs, robot):
+    """Causes that explain logs of the healthy robot, whichever they are."""
+    if not logs:
+        return ()
+    for log in logs:
+        check.refuse(check.mistaken(robot, log), log, robot)
+    return Search(Path(robot, joined(logs))).run().causes
+
+
+def _checked(robot, log, **options):
+    """The Path of a log that can be what it says."""
+    check.refuse(check.mistaken(robot, log), log, robot)
+    path = Path(robot, log, **options)
+    check.refuse(check.along(path), log, robot)
+    return path
+
+
+def diagnose(log, robot, fresh=None, without=(), healthy=()):
+    """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
+    before = _healthy(healthy, robot)
+    path = _checked(robot, log, without=without, before=before)
+    check_effects(without, path.everything)
+    found = answer(path)
+    report = {"platform": robot.name} | report_of(found, _where(found), judge.untestable(found.search, found.fit)) | {
+        "healthy": {"logs": len(healthy), "effects": [{"name": c.name, "params": list(c.params)} for c in before]},
+        "time_step": {"matters": bool(path.variant), "share": path.share},
+        "passes": round(log.passes),
+    }  # fmt: skip
+    report["best_fit"] = report["effects"] if found.verdict == "unknown" else []
+    report["effects"] = report["effects"] if found.verdict != "unknown" else []
+    if hasattr(robot.simulator, "surrogate"):
+        report["surrogate"] = robot.simulator.surrogate
+    result = Diagnosis(report, found)
+    if fresh is not None:
+        other = Path(robot, fresh, before=path.before)
+        other.step_by(path.variant)
+        report["fresh"] = on_fresh(result, other)
+    return result

@@ -149,6 +149,12 @@ typedef struct tk_noises {
 TK_API int tk_deviances(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E,
                         double *out);
 
+/* Rows of a command u behind a gear with play of `half` to either side, which begins in its middle. */
+TK_API void tk_play(size_t rows, double half, const double *u, double *out);
+
+/* The mean over each row of what goes to the command u by `most` (> 0) per row at the most, and begins there. */
+TK_API void tk_limited_rate(size_t rows, double most, const double *u, double *out);
+
 /* A flight of the flapping-wing vehicle as tk_log_get() gives it, and how to follow it. */
 typedef struct tk_flown {
 	size_t rows;

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tinykoop.bridge import followers
 from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.prediction_errors import judge
@@ -285,6 +286,23 @@ def test_columns_are_what_simulation_gives(car, healthy):
         path.about(trial)
         seen = fitter.lefts([trial])[:, 0] - base
         assert np.linalg.norm(seen - (column - base)) < 0.15 * np.linalg.norm(seen) + 1e-3, name  # 1e-3: of the noise, in all
+
+
+def test_play_and_limited_rate_follow_their_laws():
+    """Play: never further from the command than its half, and still while that lets it. Rate: the mean of 1,000 short steps in each row."""
+    rng = np.random.default_rng(5)
+    u = np.cumsum(rng.normal(size=300)) * rng.choice((0.0, 1.0), 300, p=(0.3, 0.7))
+    y = followers.play(u, 0.7)
+    moved = np.diff(y, prepend=u[0])
+    assert np.abs(y - u).max() <= 0.7 + 1e-12
+    np.testing.assert_allclose(np.abs(u - y)[moved != 0], 0.7, atol=1e-12)
+    assert (np.sign(moved) == np.sign(u - y))[moved != 0].all() and (moved == 0).sum() > 50
+    n, most, at, means = 1000, 0.9, u[0], []
+    for wanted in u:
+        steps = at + np.sign(wanted - at) * np.minimum((np.arange(n) + 0.5) / n * most, abs(wanted - at))
+        means.append(steps.mean())
+        at += np.clip(wanted - at, -most, most)
+    np.testing.assert_allclose(followers.limited_rate(u, most), means, atol=1e-6)
 
 
 def test_zero_of_every_effect_changes_nothing(car, healthy):

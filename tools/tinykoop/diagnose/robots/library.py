@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from ...bridge import followers
 from ...plumbing.errors import UserError
 from ..prediction_errors.fit import ALWAYS, Effect
 from ..robot import Parameter
@@ -131,24 +132,11 @@ def _lagged(u, params, context):
 
 
 def _limited_rate(u, params, context):
-    """The mean over each row of what goes to the command at a limited rate."""
-    most, out, y = params[0] * context.dt, np.empty_like(u), float(u[0])
-    for k, wanted in enumerate(u.tolist()):
-        left = wanted - y
-        if abs(left) <= most:
-            out[k], y = wanted - left * abs(left) / (2 * most), wanted
-        else:
-            move = most if left > 0 else -most
-            out[k], y = y + move / 2, y + move
-    return out
+    return followers.limited_rate(u, params[0] * context.dt)
 
 
 def _play(u, params, context):
-    half, out, y = params[0], np.empty_like(u), float(u[0])
-    for k, wanted in enumerate(u.tolist()):
-        y = min(max(y, wanted - half), wanted + half)
-        out[k] = y
-    return out
+    return followers.play(u, params[0])
 
 
 def _sagging(u, params, context):

@@ -300,10 +300,10 @@ class Path(path.Path):
             self.still = np.flatnonzero(np.abs(self.A - unit).max((0, 1)) < STILL).tolist()
 
     def _slopes(self):
-        """To commands B, parameters P, clock T (K, n, ..), and to pushes F."""
-        at, (K, n) = self.at, self.X.shape
+        """To commands B (m, K, n), parameters P, clock T (K, n, ..), and to pushes F."""
+        at, self._now, (K, n) = self.at, None, self.X.shape
         unit = np.eye(n)
-        self._u, self.B = at.u, _columns(K, n, [self._by(replace(at, u=at.u + h * e), h) for h, e in _each(STEP * self.u_reach)])
+        self._u, self.B = at.u, np.stack([self._by(replace(at, u=at.u + h * e), h) for h, e in _each(STEP * self.u_reach)])
         steps = np.array([STEP * abs(p.usual) for p in self.robot.parameters])
         self.P = _columns(K, n, [self._by(replace(at, params=at.params + h * e), h) for h, e in _each(steps)])
         self.T = self._by(replace(at, clock=at.clock + STEP), STEP)[..., None]
@@ -317,14 +317,14 @@ class Path(path.Path):
 
     def _curve(self):
         """What pairs of commands (i, j) do to a step beyond their slopes, over the product of their changes. Contacts have corners."""
-        at, self.curved, alone = self.at, {}, {}
+        at, self.curved, self._now, alone = self.at, {}, None, {}
         for j, (h, e) in enumerate(_each(FAR * self.u_reach)) if not self.cut else ():
-            alone[j] = self._by(replace(at, u=at.u + h * e), h) - self.B[..., j]
+            alone[j] = self._by(replace(at, u=at.u + h * e), h) - self.B[j]
             self.curved[j, j] = alone[j] / h
             for i in range(j):
                 k, d = FAR * self.u_reach[i], np.eye(len(e))[i]
                 both = self._by(replace(at, u=at.u + h * e + k * d), h * k)
-                self.curved[i, j] = both - (self.B[..., j] + alone[j]) / k - (self.B[..., i] + alone[i]) / h
+                self.curved[i, j] = both - (self.B[j] + alone[j]) / k - (self.B[i] + alone[i]) / h
 
     def _by(self, action, h, moved=0.0):
         """(K, n): by how much a step moves, over h."""
@@ -406,7 +406,7 @@ class Path(path.Path):
         self._turned(self._weights, self._misfit(self._weights), (1.0,))
 
     def _at(self, causes):
-        self.at_causes, self.at = tuple(causes), self.action(causes)
+        self.at_causes, self.at, self._now = tuple(causes), self.action(causes), None
         self.C = self._C * self._gains(self.at)[:, None]
 
     def steps(self, trials):
@@ -422,7 +422,9 @@ class Path(path.Path):
         """By the slopes (K, n), (K, c)."""
         at, out = self.at, self._D.copy()
         if action.u is not at.u:
-            out += self._commanded(action.u) - self._commanded(at.u)
+            if self._now is None:
+                self._now = self._commanded(at.u)
+            out += self._commanded(action.u) - self._now
         for slope, new, old in ((self.P, action.params, at.params), (self.T, action.clock, at.clock)):
             by = (new - old).reshape(len(out), -1)
             for j in np.flatnonzero(np.abs(by).max(0, initial=0)):
@@ -435,8 +437,8 @@ class Path(path.Path):
     def _commanded(self, u):
         """What other commands (K, m) than those of the slopes make of a step (K, n), to second order."""
         by, out = u - self._u, np.zeros_like(self.X)
-        for j in np.flatnonzero(np.abs(by).max(0)):
-            out += self.B[..., j] * by[:, j : j + 1]
+        for j in np.flatnonzero(by.any(0)):
+            out += self.B[j] * by[:, j : j + 1]
             for i in range(j + 1):
                 if (i, j) in self.curved:
                     out += self.curved[i, j] * (by[:, i] * by[:, j])[:, None]

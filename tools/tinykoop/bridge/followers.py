@@ -1,0 +1,24 @@
+"""What follows a command row by row, by host_sim/followers.c."""
+
+import ctypes as ct
+
+import numpy as np
+
+from .library import address, raw, reals
+
+
+def _followed(name, u, size):
+    u = reals(u)
+    out = np.empty_like(u)
+    raw(name, ct.c_size_t(len(u)), ct.c_double(size), address(u), address(out))
+    return out
+
+
+def play(u, half):
+    """Behind a gear with play of `half` to either side, for commands u (K,); it begins in the middle."""
+    return _followed("tk_play", u, half)
+
+
+def limited_rate(u, most):
+    """The mean over each row of what goes to the command by `most` per row; it begins there."""
+    return _followed("tk_limited_rate", u, most)

@@ -1,6 +1,7 @@
 """A robot of one's own: its simulator and its log go in; the plant of these tests is another program than the simulator."""
 
 import csv
+import dataclasses
 import importlib.util
 import json
 import re
@@ -19,6 +20,7 @@ from tinykoop.diagnose.prediction_errors import noise as noises
 from tinykoop.diagnose.prediction_errors.fit import Cause, Fitter
 from tinykoop.diagnose.prediction_errors.search import Search
 from tinykoop.diagnose.report.html import html
+from tinykoop.diagnose.robot import Work
 from tinykoop.diagnose.robots import check, toml
 from tinykoop.diagnose.robots.log import read
 from tinykoop.plumbing.errors import UserError
@@ -90,6 +92,16 @@ def test_a_wrong_parameter_is_named_with_what_does_the_same(car, tmp_path):
     report = own.diagnose(log_of(car, tmp_path, 14, rate=longer), car).report
     (effect,) = report["effects"]
     assert effect["name"] == "parameter:wheelbase" and abs(effect["params"]["change"] - 0.05) < 0.004
+
+
+def test_sensors_that_are_all_late_may_be_late_commands(car, healthy):
+    """Nobody can tell one from the other: what is left of the library is named, and is not sure."""
+    rows = {name: getattr(healthy, name)[:600] for name in ("t", "x", "y")}
+    late = dataclasses.replace(healthy, **rows, u=healthy.u[3:603], usable=healthy.usable[:599], work=Work())
+    result = own.diagnose(late, car, without=("delay:all", "delay:speed", "delay:steering"))
+    named = {e["name"]: e["confidence"] for e in result.report["effects"]}
+    assert set(named) == {"sensor_delay:px", "sensor_delay:py", "sensor_delay:yaw"} and max(named.values()) <= 0.8
+    assert "may as well be commands that come late" in " ".join(own.Teller(result).cannot_tell())
 
 
 def test_effects_act_in_one_order_whichever_was_found_first(car, healthy):

@@ -70,6 +70,8 @@ class Path(path.Path):
         self.everything = library(self.context, self.velocities, self.reach)
         self.effects = {name: effect for name, effect in self.everything.items() if name not in without}
         self.before = tuple(before)
+        late = frozenset(f"sensor_delay:{channel.name}" for channel in robot.channels)
+        self.lookalikes = {late: "commands that come late"} if len(late) > 1 else {}
 
     # ---- rows and channels ---------------------------------------------------------------------------------
 

@@ -124,7 +124,7 @@ def test_page_says_verdict_effects_and_fresh_log(lag, healthy):
     assert lag.report["verdict"] == "known" and healthy.report["verdict"] == "none"
     text = read(lag).text
     assert "actuator lag" in text and "fresh.csv" in text and "On the fresh log" in text
-    assert "nothing fitted again" not in read(healthy).text
+    assert "without refitting" not in read(healthy).text
 
 
 def test_names_of_files_are_escaped(lag):
@@ -190,7 +190,7 @@ def test_advised_drive_can_be_taken_from_the_page(lag):
     (address,) = [a for a in reader.addresses if a.startswith("data:text/csv")]
     lines = base64.b64decode(address.split(",")[1]).decode().splitlines()
     assert lines[0] == "t,v,omega" and lines[-1] == "1.95,0.5,-0.2" and len(lines) == 41
-    assert "It tells a b or c (2)" in reader.text and "does not settle d or not" in reader.text
+    assert "It decides a b or c (2)" in reader.text and "does not decide d or not" in reader.text
 
 
 # ---- words ---------------------------------------------------------------------------------------
@@ -239,9 +239,9 @@ def test_parameters_are_rounded_by_their_interval():
               "params_ci95": {"tau": [0.29874, 0.30130], "B": [-5.0, 30.0], "C": [None, None], "D": [1.9, 2.0]}}  # fmt: skip
     assert words.parameters(effect) == [
         ("tau", "0.3000 s", "[0.2987, 0.3013]", []),
-        ("B", "9", "[-5, 30]", ["left open"]),
-        ("C", "1.70", "no interval", ["left open"]),
-        ("D", "2.00", "[1.90, 2.00]", ["at the edge of its range"]),
+        ("B", "9", "[-5, 30]", ["undetermined"]),
+        ("C", "1.70", "no interval", ["undetermined"]),
+        ("D", "2.00", "[1.90, 2.00]", ["at its bound"]),
     ]
 
 
@@ -250,7 +250,7 @@ def test_noise_is_said_with_the_robots_own_motion(lag):
     assert "too small to matter" in " ".join(ddr.Teller(lag).noise())
     axes = {name: axis | {"share": 0.034, "seconds": 0.3} for name, axis in noise["process"].items()}
     said = " ".join(ddr.Teller(changed(lag, noise=noise | {"process": axes, "outliers": 7})).noise())
-    assert "lasts 0.300 s" in said and "longitudinal, 3 % of the usual" in said and "7 rows stand out" in said
+    assert "correlated over 0.300 s" in said and "longitudinal, 3 % of its usual rate" in said and "7 rows are outliers" in said
 
 
 def test_what_is_open_is_said(lag):
@@ -270,12 +270,12 @@ def test_what_is_open_is_said(lag):
     says = ddr.Teller(result)
     said, beside, open_ends = says.sentence(), " ".join(says.asides()), " ".join(says.cannot_tell())
     assert (
-        "PARTLY" in said and "3.00 to 8.50 s" in said and said.count("transport delay") == 1 and "cannot tell" in said
+        "in part" in said and "3.00 to 8.50 s" in said and said.count("transport delay") == 1 and "cannot separate" in said
     )
-    assert "60 % sure" in beside and "v omega (lateral error)" in beside
-    assert "NOT TESTABLE: dead band" in open_ends and "edge" in open_ends and "transport delay" in open_ends
-    assert "none of the known effects explains it" in ddr.Teller(changed(result, verdict="unknown")).sentence()
-    assert ddr.Teller(changed(result, verdict="unknown", effects=[])).sentence().startswith("Unknown: the simulator is off by")
+    assert "actuator lag 60 %" in beside and "v omega (lateral error)" in beside
+    assert "Not testable: dead band" in open_ends and "tau is at the bound" in open_ends and "transport delay" in open_ends
+    assert "v omega (lateral error) and matches none of the known effects" in ddr.Teller(changed(result, verdict="unknown")).sentence()
+    assert ddr.Teller(changed(result, verdict="unknown", effects=[])).sentence().startswith("Cause not identified. Beyond noise the simulator is off by")
 
 
 def test_effects_too_small_to_matter_are_told(lag):
@@ -318,9 +318,9 @@ def test_what_depends_on_nothing_is_told_in_whole_sentences(lag, left):
     result = changed(lag, unexplained={**lag.report["unexplained"], **left})
     assert not any("depends" in aside for aside in ddr.Teller(result).asides())
     result.report["verdict"] = "unknown"
-    assert ddr.Teller(result).sentence().endswith("; none of the known effects explains what is left.")
+    assert ddr.Teller(result).sentence().endswith(" The rest matches none of the known effects.")
     result.report["effects"] = []
-    assert ddr.Teller(result).sentence().endswith(" without noise; none of the known effects explains the gap.")
+    assert ddr.Teller(result).sentence().endswith(" The gap matches none of the known effects.")
 
 
 def test_no_percentage_near_the_noise(lag):

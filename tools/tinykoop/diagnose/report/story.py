@@ -22,9 +22,9 @@ MOST_RIVALS, MOST_RANKED, MOST_REGIONS, MOST_PARTS = 3, 8, 4, 3
 DEGREES = (180 / math.pi, "deg")
 
 GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
-EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "sure", "acts", "remark")
-SCORE = "Above 1: found, and needed beside the others. Below 1: the share of their work that it would do in their place."
-CLOSED = "Closed: share of the gap above the noise floor that is gone, on rows left out of the fit; none where the gap is about the noise."
+EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "confidence", "active", "remark")
+SCORE = "Score above 1: identified, and needed beside the others. Score below 1: the share that the effect would explain on its own."
+CLOSED = "Closed: the share of the gap above the noise floor that the effects remove on held-out rows; none near the noise."
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class Teller:
         also = self.rivals(effect["name"])
         if len(also) > MOST_RIVALS:
             also = [*also[:MOST_RIVALS], f"{len(also) - MOST_RIVALS} more"]
-        name = listed([self.title(effect["name"]), *also], "or") + (": this log cannot tell which" if also else "")
+        name = listed([self.title(effect["name"]), *also], "or") + (": this log cannot separate them" if also else "")
         when = self.acts(effect)
         how = "in" if len(effect["segments"]) > words.MOST_SPANS else "from"
         return f"{self.phrase(effect)} ({name})" + ("" if when == "whole log" else f" {how} {when}")
@@ -183,14 +183,15 @@ class Teller:
         for effect in self.effects:
             also = self.rivals(effect["name"])
             names.append(self.title(effect["name"]) + (f" (or {listed(also, 'or')})" if also else ""))
-        return f"{len(self.effects)} effects act, {listed(names)}"
+        return f"{len(self.effects)} effects act: {listed(names)}"
 
     def effect_rows(self, effects):
-        """One row per parameter."""
-        rows = []
+        """One row per parameter. An effect that is not believed has no confidence."""
+        rows, believed = [], self.report["verdict"] != "unknown"
         for effect in effects:
             for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect)):
-                first = (self.title(effect["name"]), percent(effect["confidence"]), self.acts(effect)) if i == 0 else ("", "", "")
+                confidence = percent(effect["confidence"]) if believed else "-"
+                first = (self.title(effect["name"]), confidence, self.acts(effect)) if i == 0 else ("", "", "")
                 rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
         return rows
 
@@ -200,16 +201,17 @@ class Teller:
         """The verdict in one sentence."""
         verdict = self.report["verdict"]
         if verdict == "none":
-            return f"None: {self.nothing()}: {self._none()}."
+            return f"No gap: {self.nothing()}. {capital(self._none())}."
         if verdict == "known":
-            return f"Known{', but PARTLY explained' if self.left['matters'] else ''}: {self.causes()}; {self.closing()}."
+            return f"Cause identified{' in part' if self.left['matters'] else ''}: {self.causes()}. {capital(self.closing())}."
         if not self.effects:
-            return f"Unknown: the simulator is off by {self.size(self.left['of_gap'])} without noise; {self.unexplained('the gap')}."
+            off = f"Beyond noise the simulator is off by {self.size(self.left['of_gap'])}"
+            return f"Cause not identified. {off}. {self.unexplained('The gap')}."
         names = listed(self.title(effect["name"]) for effect in self.effects)
-        return f"Unknown, PARTLY explained: with {names}, {self._closed_in_part()}; {self.unexplained('what is left')}."
+        return f"Cause not identified. With {names}, {self._closed_in_part()}. {self.unexplained('The rest')}."
 
     def nothing(self):
-        return f"the simulator explains this {self.log} down to its noise"
+        return f"the simulator matches this {self.log} to within its noise"
 
     def closing(self):
         """How far the effects close the gap."""
@@ -219,7 +221,7 @@ class Teller:
         them = "them" if len(self.effects) > 1 else "it"
         if not math.isfinite(real(self.gap["closed_fraction"][key])):
             before, _, least = self.sizes(self.gap, key)
-            return f"the gap is about the noise ({before} against {least}, {self.ahead(key)}): no percentage can be given"
+            return f"the gap is about the noise ({before} against {least}, {self.ahead(key)}), so no percentage is given"
         return f"adding {them} closes {percent(self.gap['closed_fraction'][key])} of the gap ({self.shrinks(self.gap, key)})"
 
     def _closed_in_part(self):
@@ -236,11 +238,11 @@ class Teller:
         if key is None:
             return "the log is too broken up to measure the gap"
         before, _, least = self.sizes(self.gap, key)
-        off = f"{self.ahead(key)} it is {before} off, where noise alone makes {least}"
+        off = f"{self.ahead(key)} it is {before} off; noise alone makes {least}"
         systematic, smallest = real(self.left["of_gap"]), real(self.left["smallest_that_matters"])
         if systematic < smallest:
-            return f"{off}; the gap without noise, {self.size(systematic)}, is below the smallest that matters, {self.size(smallest)}"
-        return f"{off}; what is left shows no system"
+            return f"{off}. The gap beyond noise, {self.size(systematic)}, is below the smallest that matters, {self.size(smallest)}"
+        return f"{off}. The residuals show no systematic error"
 
     def depends(self):
         """On what the unexplained part depends; empty where nothing is left that matters."""
@@ -250,32 +252,32 @@ class Teller:
         return listed(f"{plain.get(d['on'], d['on'])} ({d['channel']} error)" for d in strong)
 
     def unexplained(self, what):
-        """That no effect explains the gap, or what is left of it, and on what that depends where it is known."""
+        """That no effect explains the gap, or the rest of it, and on what that depends where it is known."""
         on = self.depends()
-        return f"{what} depends on {on} and none of the known effects explains it" if on else f"none of the known effects explains {what}"
+        return f"{what} {f'depends on {on} and ' if on else ''}matches none of the known effects"
 
     def asides(self):
         """What must stand right beside the verdict: short sentences."""
         said = []
         if self.report["verdict"] == "known" and self.left["matters"]:
-            on = f"; it depends on {self.depends()}" if self.depends() else ""
-            said.append(f"What is left is {self.size(self.left['gap'])} of {self.size(self.left['of_gap'])} without noise{on}.")
+            on = f" and depends on {self.depends()}" if self.depends() else ""
+            said.append(f"The rest is {self.size(self.left['gap'])} of {self.size(self.left['of_gap'])} beyond noise{on}.")
         return said + self.doubts() + self.small() + self.tried()
 
     def doubts(self):
         """Why the effects may not be the cause."""
         said, best = [], self.report.get("best_fit")
         if best:
-            said.append(f"The best that the known effects can do, which is not the cause: {listed(self.phrase(e) for e in best)}.")
+            said.append(f"The best fit among the known effects, which is not a diagnosis: {listed(self.phrase(e) for e in best)}.")
         if self.report["verdict"] == "unknown" and self.effects:
-            said.append("The effects listed are the best that the known ones can do; do not take them for the cause.")
+            said.append("This is the best fit among the known effects, not a diagnosis.")
         doubtful = [e for e in self.effects if not real(e["confidence"]) >= SURE and self.report["verdict"] == "known"]
         if doubtful:
-            said.append(f"Not certain: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in doubtful)} sure.")
+            said.append(f"Confidence: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in doubtful)}.")
         return said
 
     def small(self):
-        """What is significant and does not matter."""
+        """What is significant and too small to matter."""
         small = self.report["small"]
         return [f"Significant, but too small to matter on this log: {listed(self.phrase(e) for e in small)}."] if small else []
 
@@ -283,7 +285,7 @@ class Teller:
         """On what the effects were tried."""
         if "fresh" in self.report:
             return [self._on_fresh(), *self._carried()]
-        return ["Tried on rows of this log that were left out of the fit, not on a fresh log."] if self.effects else []
+        return ["Validated on held-out rows of this log, not on a fresh log."] if self.effects else []
 
     def _carried(self):
         """When effects of a part of the log act on the fresh one, and how large one grows that grows with time."""
@@ -291,7 +293,7 @@ class Teller:
         for effect in self.effects:
             name, on = self.title(effect["name"]), there.get(effect["name"])
             if on and (self.acts(effect) != "whole log" or not on["acts"]):
-                how = "to act all along" if on["acts"] else "not to act"
+                how = "to act throughout" if on["acts"] else "not to act"
                 said.append(f"{capital(name)} acts in a part of this log; on the fresh log it is taken {how}, which fits better.")
             if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
                 said.append(f"On the fresh log {name} is taken to grow as fast, to {words.percent_of(on['params'][AT_END])} at its end.")
@@ -311,7 +313,7 @@ class Teller:
             return f"On the fresh log the gap is about the noise ({before} against {least})."
         if part < 0:
             return f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."
-        return f"On the fresh log, with nothing fitted again, {percent(part)} of the gap closes ({self.shrinks(gap, key)})."
+        return f"On the fresh log, without refitting, {percent(part)} of the gap closes ({self.shrinks(gap, key)})."
 
     # ---- sections ------------------------------------------------------------------------------------
 
@@ -319,9 +321,12 @@ class Teller:
         """The gap, what the platform shows of predictions, and the effects where the first sentence has no room for them."""
         told = self.report["verdict"] == "known" and len(self.effects) <= MOST_PHRASES
         causes = () if told else tuple(
-            f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}, {percent(e['confidence'])} sure)" for e in self.effects
+            f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}{self._confidence(e)})" for e in self.effects
         )  # fmt: skip
         return Section("", figures=(self.gap_figure(self.gap, self.size), self.predictions()), sentences=causes)
+
+    def _confidence(self, effect):
+        return f", confidence {percent(effect['confidence'])}" if self.report["verdict"] != "unknown" else ""
 
     def predictions(self):
         """(caption, figure) of predictions beside the log: the platform's."""
@@ -382,7 +387,7 @@ class Teller:
     def places(self):
         """Where the gap lies, in sentences."""
         if self.report["verdict"] == "none":
-            return ["There is no gap to locate: what is left is noise."]
+            return ["There is no gap to locate."]
         if not self.located():
             return ["The gap could not be located."]
         end = real(self.report["log"]["seconds"])
@@ -400,7 +405,7 @@ class Teller:
         return said
 
     def _left_over(self):
-        return [f"What is left unexplained depends on {self.depends()}."] if self.depends() else []
+        return [f"The unexplained rest depends on {self.depends()}."] if self.depends() else []
 
     def which(self):
         """The effects with their parameters, and the ranking beside what each is worth."""
@@ -408,7 +413,7 @@ class Teller:
         if shown:
             tables = (Table("Effects" if self.effects else "Best fit", EFFECT_HEADERS, self.effect_rows(shown), True),)
             worth = ", ".join(f"{self.title(e['name'])} {number(real(e['evidence']))}" for e in shown)
-            note = f"Evidence (rise of the squared misfit, in units of the noise, without the effect): {worth}. {SCORE}"
+            note = f"Evidence (increase of the sum of squared residuals, in noise variances, without the effect): {worth}. {SCORE}"
         drawn = (self.ranking(), *self.contributions()) if self.report["ranking"] else ()
         return Section("Which effect", tables, note, drawn)
 
@@ -437,7 +442,7 @@ class Teller:
         if not rest:
             return f"{capital(self.title(effects[-1]['name']))} is needed"
         part = percent(min(real(rest[0]["score"]), 1))
-        return f"Next comes {self.title(rest[0]['name'])}: in place of what was found it would do {part} of the work"
+        return f"Next comes {self.title(rest[0]['name'])}: on its own it would explain {part} as much"
 
     def contributions(self):
         """[(caption, bars of what each effect is worth beside the others)]."""
@@ -461,12 +466,12 @@ class Teller:
             drawn += [self.gap_figure(gap, size, name)] if i else []
         if "fresh" in self.report:
             name, gap, size = self.gaps(self.report["fresh"])[0]
-            tables.append(Table(f"Gap on the fresh log, nothing fitted again, {name}", GAP_HEADERS, self.gap_rows(gap, size), True))
+            tables.append(Table(f"Gap on the fresh log, without refitting, {name}", GAP_HEADERS, self.gap_rows(gap, size), True))
             drawn.append(self.gap_figure(gap, size, place=" on the fresh log"))
         return Section("How much", tuple(tables), f"RMS error. {CLOSED}", tuple(drawn))
 
     def open(self):
-        said = tuple(self.cannot_tell()) or ("Nothing came up that more data would have to settle.",)
+        said = tuple(self.cannot_tell()) or ("This log leaves no question open.",)
         return Section("What this log cannot tell", sentences=said, brief=len(said) if self.cannot_tell() else 0)
 
     def cannot_tell(self):
@@ -476,16 +481,16 @@ class Teller:
             said.append(f"{capital(listed(map(self.title, alike['effects'])))} together may as well be {alike['as']}.")
         if self.report["not_testable"]:
             names = listed(map(self.title, self.report["not_testable"]))
-            said.append(f"NOT TESTABLE: {names}. This {self.log} would hardly show them, so they may act or not.")
+            said.append(f"Not testable: {names}. This {self.log} would barely show them: they are neither confirmed nor ruled out.")
         said += self.open_parameters() + self.unmeasured()
         if max((real(c["correlation"]) for c in self.report["noise"]["sensor"].values()), default=0) > COLOURED:
-            said.append("The noise changes so slowly that it cannot be told from slow errors: the noise floor may be too high.")
+            said.append("The noise changes so slowly that slow errors cannot be separated from it: the noise floor may be too high.")
         return said
 
     def ambiguous(self):
         """Which effects this log cannot tell apart."""
         return [
-            f"{capital(listed([self.title(e['name']), *self.rivals(e['name'])], 'or'))}: on this log they do the same."
+            f"{capital(listed([self.title(e['name']), *self.rivals(e['name'])], 'or'))}: this log cannot separate them."
             for e in self.effects
             if self.rivals(e["name"])
         ]
@@ -495,11 +500,11 @@ class Teller:
         said = []
         for effect in self.effects:
             rows = [(name, bounds, remarks) for name, _, bounds, remarks in words.parameters(effect)]
-            edge = [name for name, _, remarks in rows if "at the edge of its range" in remarks]
-            free = [f"{name} {bounds}" for name, bounds, remarks in rows if "left open" in remarks and name not in edge]
+            edge = [name for name, _, remarks in rows if "at its bound" in remarks]
+            free = [f"{name} {bounds}" for name, bounds, remarks in rows if "undetermined" in remarks and name not in edge]
             of = self.title(effect["name"])
-            said += [f"Of {of} these are left open: {listed(free)}."] if free else []
-            said += [f"Of {of}, {listed(edge)} came out at the edge of what is allowed: the true value may lie beyond."] if edge else []
+            said += [f"This log does not determine these parameters of {of}: {listed(free)}."] if free else []
+            said += [f"{capital(of)}: {listed(edge)} is at the bound of its range; the true value may lie beyond."] if edge else []
         return said
 
     def unmeasured(self):
@@ -508,7 +513,7 @@ class Teller:
         near = [key for key in before if math.isfinite(real(before[key])) and not math.isfinite(real(closed[key]))]
         unseen = [key for key in before if not math.isfinite(real(before[key]))]
         if near and self.report["verdict"] != "none":
-            said.append(f"{listed(near)} step{'s' if near != ['1'] else ''} ahead the gap is about the noise: no percentage there.")
+            said.append(f"{listed(near)} step{'s' if near != ['1'] else ''} ahead the gap is about the noise, so no percentage is given.")
         if unseen:
             said.append(f"No stretch of the log is long enough to predict {listed(unseen, 'or')} steps ahead.")
         return said
@@ -522,7 +527,7 @@ class Teller:
         """(what the advised experiment tells, in a sentence or none; the names of what it does not)."""
         separation = [(self.title(question), real(value)) for question, value in self.report["advice"]["separation"].items()]
         told = [f"{question} ({value:.2g})" for question, value in separation if value >= HIDDEN]
-        said = f"It tells {listed(told)}; in brackets the distance, in standard deviations of the noise per row."
+        said = f"It decides {listed(told)}, in brackets by how many noise sigma per row."
         return [said] * bool(told), [question for question, value in separation if not value >= HIDDEN]
 
     def measured(self):
@@ -532,12 +537,12 @@ class Teller:
         """Size of the log and what of it was used."""
         log = self.report["log"]
         usable = real(log["usable"])
-        left_out = f"{100 * (1 - usable):.2g} % of the rows are masked or beside a break and were not used"
+        left_out = f"{100 * (1 - usable):.2g} % of the rows are masked or next to a gap and were not used"
         used = "all rows were used" if usable == 1 else left_out
         return f"{log['rows']} rows, {words.seconds(log['seconds'])} at {words.plain(1 / real(log['dt']), 3)} Hz; {used}."
 
     def compared(self):
-        return [f"{self.report['gap']['windows']} predictions were compared, each from a measured state, by models fitted without it."]
+        return [f"{self.report['gap']['windows']} predictions were compared, each from a measured state, with models not fitted to it."]
 
     def noise(self):
         """What the noise is like, and the robot's own random motion."""
@@ -548,7 +553,7 @@ class Teller:
         colour = "white" if max(real(n["correlation"]) for n in sensor.values()) < WHITE else "coloured"
         said.append(f"It is {colour}: from row to row it correlates by {correlations}.")
         rows = self.report["noise"]["outliers"]
-        said.append(f"{rows} rows stand out of it: these outliers count less." if rows else "No reading stands out of it.")
+        said.append(f"{rows} rows are outliers and count less." if rows else "There are no outliers.")
         return [*said, self._random_motion()]
 
     def _random_motion(self):
@@ -556,6 +561,7 @@ class Teller:
         moves = {name: n for name, n in self.report["noise"]["process"].items() if real(n["share"]) > MOVES}
         if not moves:
             return "The robot's own random motion is too small to matter."
-        sizes = listed(f"{words.quantity(n['sd'], n['unit'])} ({name}, {percent(n['share'])} of the usual)" for name, n in moves.items())
+        of = {name: f"{name}, {percent(n['share'])} of its usual rate" for name, n in moves.items()}
+        sizes = listed(f"{words.quantity(n['sd'], n['unit'])} ({of[name]})" for name, n in moves.items())
         lasts = words.seconds(next(iter(moves.values()))["seconds"])
-        return f"What no effect explains is like random motion of the robot that lasts {lasts}, with a standard deviation of {sizes}."
+        return f"The robot also moves at random, correlated over {lasts}, with a standard deviation of {sizes}."

@@ -139,10 +139,10 @@ def marks(effect, name):
     """What must be said beside a parameter: at its bound, or left open by the log."""
     said = []
     if name in effect.get("at_bound", ()):
-        said.append("at the edge of its range")
+        said.append("at its bound")
     bounds = _limits_of(effect, name)
     if not all(map(math.isfinite, bounds)) or bounds[1] - bounds[0] > 2 * abs(real(effect["params"][name])):
-        said.append("left open")
+        said.append("undetermined")
     return said
 
 

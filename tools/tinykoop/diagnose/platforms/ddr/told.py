@@ -108,7 +108,7 @@ class Drive(Teller):
 
     def advice(self):
         drive, (told, hidden) = self.report["advice"], self.settles()
-        more = f"It does not settle {listed(hidden)}: that takes higher speeds or smaller commands than this log has."
+        more = f"It does not decide {listed(hidden)}: that takes higher speeds or smaller commands than this log has."
         said = [f"Drive {drive['words']} ({drive['drive']}), at your own safe speeds.", *told]
         return [*said, *([more] if hidden else []), self.record]
 
@@ -124,7 +124,7 @@ class Drive(Teller):
     # ---- the log -------------------------------------------------------------------------------------
 
     def compared(self):
-        rule = f"The nominal robot moves by this rule: {self.report['integrator']}. It is chosen before any effect, without a parameter."
+        rule = f"The nominal simulator integrates by this rule: {self.report['integrator']}."
         return [*super().compared(), rule, *self.searched()]
 
     def searched(self):

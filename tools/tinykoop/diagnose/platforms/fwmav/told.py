@@ -16,7 +16,7 @@ from .where import BANDS
 
 SMALLEST = 0.1  # share of what is systematic, below which nothing counts as explained
 RUNNING = 1.0  # s, over which errors are averaged: one by one they follow the turbulence
-VEHICLES = {"simulated": "the simulated vehicle", "own": "the vehicle of the healthy flight"}
+VEHICLES = {"simulated": "healthy simulated flights", "own": "the healthy flight that was given"}
 U = {"pitch": "the dihedral", "yaw": "the wing twist"}
 
 
@@ -79,13 +79,13 @@ class Flight(Teller):
         if longest is None:
             return "the flight is too broken up to measure the gap"
         if self._worse():
-            return f"but adding {them} makes the prediction worse ({self._worse()})"
+            return f"however, adding {them} makes the prediction worse ({self._worse()})"
         if not self.fitted:
-            return "that is noise, and moves no prediction"
+            return "vibration is noise, and changes no prediction"
         if key is None:
             moves = listed(f"{angle(by[longest])} ({title(name)})" for name, by in self.report["contributions"].items())
             noise = f"where wing beat, turbulence and sensors alone make {angle(gap['noise_floor'][longest])}"
-            return f"{self.ahead(longest)}, that moves the predicted attitude by {moves}, {noise}: no percentage can be given"
+            return f"{self.ahead(longest)}, that moves the predicted attitude by {moves}, {noise}, so no percentage is given"
         return f"adding {them} closes {percent(gap['closed_fraction'][key])} of the gap ({self.shrinks(gap, key)})"
 
     def _worse(self):
@@ -104,25 +104,26 @@ class Flight(Teller):
 
     def _foreign(self):
         """How what is missed differs from the noise of the vehicle that the flight is compared with."""
-        times = real(self.left["times_noise"])
-        how = f"its variance is {plain(times)} times as large" if times > ANOTHER else "it shakes the sensors in other proportions"
-        return f"what is missed is not the noise of {VEHICLES[self.report['vehicle']]}: {how}"
+        times, whose = real(self.left["times_noise"]), VEHICLES[self.report["vehicle"]]
+        if times > ANOTHER:
+            return f"The prediction errors have {plain(times)} times the variance of {whose}, so something acts that the simulator lacks"
+        return f"The vibration shakes the sensors in other proportions than on {whose}"
 
     def sentence(self):
         if self.report["verdict"] != "unknown":
             return super().sentence()
-        why = self._foreign() if self.left["another_vehicle"] else "something is left that none of the known effects explains"
+        why = self._foreign() if self.left["another_vehicle"] else "Systematic errors remain that match none of the known effects"
         explained = 1 - real(self.left["share"])
         if self.fitted and explained >= SMALLEST and not self._worse():
             names = listed(title(name) for name in self.report["contributions"])
-            return f"Unknown, PARTLY explained: {names} would explain {percent(explained)} of what is systematic, but {why}."
-        return f"Unknown: {why}."
+            return f"Cause not identified. {capital(names)} would explain {percent(explained)} of the systematic error. {why}."
+        return f"Cause not identified. {why}."
 
     def asides(self):
         said, rest = [], self.depends()
         if self.report["verdict"] != "none" and self.left["matters"] and rest:
-            part = f", {percent(self.left['share'])} of what was systematic" if self.effects else ""
-            said.append(f"What is left{part}, shows as {rest}.")
+            part = f", {percent(self.left['share'])} of the systematic error," if self.effects else ""
+            said.append(f"The rest{part} looks like {rest}.")
         if self.left["another_vehicle"] and self.report["vehicle"] == "simulated":
             said.append(
                 "A vehicle of your own always differs from the simulated one: give a healthy flight of it with --healthy HEALTHY.csv,"
@@ -191,16 +192,16 @@ class Flight(Teller):
         """Which band of which channel is loudest."""
         found = self.report["where"]["frequencies"]
         if not found:
-            return "At no frequency is clearly more missed than on healthy flights"
+            return "At no frequency are the prediction errors clearly larger than on healthy flights"
         worst, at = found[0], _band(found[0]["from_hz"], found[0]["to_hz"])
-        return f"{capital(worst['channel'])} at {at}: {real(worst['times_noise']):.1f} times what is missed on healthy flights"
+        return f"{capital(worst['channel'])} at {at}: {real(worst['times_noise']):.1f} times the error on healthy flights"
 
     def bands(self):
         """Where in frequency more is missed than on healthy flights."""
         named = {}
         for band in self.report["where"]["frequencies"]:
             named.setdefault((band["from_hz"], band["to_hz"]), []).append(f"{band['channel']} ({real(band['times_noise']):.1f} times)")
-        return [f"At {_band(*edges)} more is missed than on healthy flights of {listed(channels)}." for edges, channels in named.items()]
+        return [f"At {_band(*edges)} errors are larger than on healthy flights: {listed(channels)}." for edges, channels in named.items()]
 
     # ---- which, how much, what next ----------------------------------------------------------------
 
@@ -228,7 +229,7 @@ class Flight(Teller):
         said = super().cannot_tell()
         return [
             *said,
-            "No flight shows steady wind, with which the vehicle drifts, nor a battery that sags as long as the height hold can make up for it.",
+            "No flight shows steady wind, with which the vehicle drifts, nor battery sag that the height hold compensates.",
         ]
 
     def advice(self):
@@ -236,9 +237,9 @@ class Flight(Teller):
         said = [f"Fly {flight['drive']}: {flight['words']} for {SECONDS} s at least, with the vehicle as it was."]
         if not told:
             nearest = f"{flight['drive']} comes nearest: {flight['words']}, for longer."
-            said = [f"{SECONDS} s of no manoeuvre settle {listed(hidden, 'or')}; {nearest}"]
+            said = [f"No manoeuvre decides {listed(hidden, 'or')} in {SECONDS} s; {nearest}"]
         elif hidden:
-            told.append(f"It does not settle {listed(hidden)}.")
+            told.append(f"It does not decide {listed(hidden)}.")
         return [*said, *told, self.record]
 
     def compared(self):
@@ -252,10 +253,10 @@ class Flight(Teller):
     def noise(self):
         times, whose = real(self.left["times_noise"]), VEHICLES[self.report["vehicle"]]
         return [
-            f"Noise is what healthy flights of {whose} leave: wing beat, turbulence, and what differs from flight to flight."
+            f"The noise is that of {whose}: wing beat, turbulence, and differences between flights."
             if self.report["vehicle"] == "simulated"
-            else "Noise is what the healthy flight leaves that was given, after the simulator was fitted to it.",
-            f"What the observer misses in each row has {plain(times)} times its variance{' with the effects' * self.fitted}.",
+            else f"The noise is that of {whose}, after the simulator was fitted to it.",
+            f"The innovations of this flight have {plain(times)} times its variance{' with the effects' * self.fitted}.",
         ]
 
 

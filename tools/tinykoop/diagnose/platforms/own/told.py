@@ -36,7 +36,7 @@ class Own(Teller):
         worst = percent(max(surrogate["off"].values()))
         return [
             f"The simulator is known only by its run {surrogate['file']}: a surrogate, which was fitted to that run, stood in for it.",
-            f"{surrogate['rows']} steps ahead, on rows that it was not fitted to, the surrogate is off by {worst} of this log's noise at most.",
+            f"{surrogate['rows']} steps ahead, on held-out rows, the surrogate is off by {worst} of this log's noise at most.",
         ]
 
     def predictions(self):

@@ -40,8 +40,8 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too)
-	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)")
+demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too; UPDATE=1: the README's pictures)
+	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)") $(if $(UPDATE),--update)
 
 test: build c-tests ## every test that needs no cross toolchain
 	@ctest --test-dir $(BUILD)/test --output-on-failure -j $(JOBS)
@@ -51,11 +51,11 @@ c-tests: system
 	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/test -j $(JOBS)
 
-learn: build ## DDR one-step learning, the paper's table: learn.json
-	@$(TINYKOOP) learn
+learn: build ## DDR one-step learning, the paper's table (UPDATE=1: into docs/paper.md, too): learn.json
+	@$(TINYKOOP) learn $(if $(UPDATE),--update)
 
-control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
-	@$(TINYKOOP) control
+control: build ## DDR Koopman-MPC tracking, the paper's table (UPDATE=1: into docs/control.md, too): control.json
+	@$(TINYKOOP) control $(if $(UPDATE),--update)
 
 transfer: build ## flapping wing across flight regimes, the paper's table (DATA=dir of own flights, pitch*.csv and yaw*.csv): transfer.json
 	@$(TINYKOOP) transfer $(if $(DATA),--data "$(DATA)")

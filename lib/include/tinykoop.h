@@ -37,6 +37,9 @@ extern "C" {
 #endif
 
 #define KOOP_VERSION "0.1.0"
+#define KOOP_VERSION_MAJOR 0
+#define KOOP_VERSION_MINOR 1
+#define KOOP_VERSION_PATCH 0
 
 /* Largest N, m and N + m that are accepted: it bounds every loop. */
 #define KOOP_MAX_DIM 255

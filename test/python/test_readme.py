@@ -50,8 +50,14 @@ def readme():
     return (ROOT / "README.md").read_text()
 
 
-def test_firmware_snippet(readme, tmp_path):
-    snippet = "".join(re.findall(r"```c\n(.*?)```", readme, re.S))
+def test_the_program_of_the_readme_is_the_example(readme):
+    (program,) = re.findall(r"```c\n(.*?)```", readme, re.S)
+    assert (ROOT / "examples/learn.c").read_text().partition("*/\n")[2] == program
+
+
+def test_firmware_snippets(readme, tmp_path):
+    pages = "".join((ROOT / "docs" / name).read_text() for name in ("learning.md", "control.md"))
+    snippet = "".join(re.findall(r"```c\n(.*?)```", pages, re.S))
     source = tmp_path / "firmware.c"
     source.write_text(snippet + DRIVE)
     program = tmp_path / "firmware"
@@ -64,19 +70,34 @@ def test_firmware_snippet(readme, tmp_path):
     innovation, speed, *storage = map(float, told)
     assert innovation < 0.05
     assert 1 < speed < 2  # of a path that goes on straight at 1.5 m/s
-    claims = re.findall(r"\[KOOP_\w+\([^]]*\)\];\s*/\*[^*]*?([\d.]+) kB", readme)
+    claims = re.findall(r"\[KOOP_\w+\([^]]*\)\];\s*/\*[^*]*?([\d.]+) kB", pages)
     assert [round(size / 1000, 1) for size in storage] == [float(claim) for claim in claims]
 
 
-def test_named_files_exist(readme):
-    for target in re.findall(r"\]\(([^)]+)\)", readme):
-        assert (ROOT / target).exists(), target
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 
 
-def test_make_targets_exist(readme):
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text()):
+        assert target.startswith("https://") or (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_make_targets_exist(page):
     makefile = (ROOT / "Makefile").read_text()
-    for target in set(re.findall(r"(?:^|`)make ([a-z-]+)", readme, re.M)):
+    for target in set(re.findall(r"(?:^|`)make ([a-z-]+)", page.read_text(), re.M)):
         assert re.search(rf"^{target}:", makefile, re.M), f"make {target}"
+
+
+def test_readme_can_be_read_at_one_go(readme):
+    assert len(readme.splitlines()) <= 130
+
+
+def test_headline_figures_are_those_that_were_measured(readme):
+    (count,) = (row for row in json.loads((ROOT / "targets/footprint.json").read_text()) if row["config"] == "N22_m2_H50_O2" and row["target"] == "cortex-m4f")
+    figure = int(re.search(r"instructions per update, Cortex-M4F[^|]*\| ([\d,]+)", readme)[1].replace(",", ""))
+    assert figure == count["instructions"]["rls_update"]["dz_cs"]
 
 
 def test_robot_of_ones_own(tmp_path):

@@ -8,6 +8,7 @@ import re
 import pytest
 
 from tinykoop.firmware import callgraph, targets
+from tinykoop.plumbing import pages
 from tinykoop.plumbing.errors import UserError
 
 ALL = {"arm-none-eabi-gcc", "riscv64-unknown-elf-gcc", "qemu-system-arm", "qemu-system-riscv32"}
@@ -198,16 +199,19 @@ def test_committed_figures_are_of_every_target_and_level():
 @pytest.mark.parametrize("name", targets.PAGES)
 def test_the_table_in_the_docs_is_of_the_committed_figures(name):
     text = (targets.ROOT / name).read_text()
-    assert targets.between_markers(text, targets.PAGES[name](json.loads(targets.COMMITTED.read_text()))) == text
+    assert pages.between_markers(text, "footprint", targets.PAGES[name](json.loads(targets.COMMITTED.read_text()))) == text
 
 
 def test_pages_are_rewritten_between_the_markers_only(monkeypatch, tmp_path):
+    begin, end = "<!-- learn: begin, written by make learn UPDATE=1 -->", "<!-- learn: end -->"
+    other = "<!-- control: begin, by hand -->\nkept\n<!-- control: end -->"
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{targets.BEGIN}\nold\n{targets.END}\nafter\n")
-    monkeypatch.setattr(targets, "ROOT", tmp_path)
-    monkeypatch.setattr(targets, "PAGES", {"page.md": lambda rows: "new\n"})
-    targets.write_pages([])
-    assert page.read_text() == f"before\n{targets.BEGIN}\n\nnew\n\n{targets.END}\nafter\n"
+    page.write_text(f"before\n{begin}\nold\n{end}\nbetween\n{other}\nafter\n")
+    monkeypatch.setattr(pages, "ROOT", tmp_path)
+    pages.update("page.md", "learn", "new\n")
+    assert page.read_text() == f"before\n{begin}\n\nnew\n\n{end}\nbetween\n{other}\nafter\n"
+    with pytest.raises(UserError, match="no markers 'guard: begin'"):
+        pages.update("page.md", "guard", "new\n")
 
 
 # ---- call graph ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import argparse
 import os
 import signal
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 from .platforms import COLUMNS as PLATFORMS
@@ -23,6 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small here: t
 def parser():
     """Arguments of all subcommands. Modules are imported on use: matplotlib takes a second."""
     main = argparse.ArgumentParser(prog="tinykoop", description="Recursive Koopman learning on the host.")
+    main.add_argument("--version", action="version", version=f"tinykoop {version('tinykoop')}")
     commands = main.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name, summary):
@@ -32,8 +34,9 @@ def parser():
 
     demo = add("demo", "everything: learning, control, ablations, precision study, one gap diagnosis")
     demo.add_argument("--log", help="replay this log, too")
-    add("learn", "one-step learning of the DDR, the paper's table")
-    add("control", "Koopman-MPC tracking of the DDR, the paper's table")
+    demo.add_argument("--update", action="store_true", help="make the pictures of the README anew, too")
+    for name, what in (("learn", "one-step learning"), ("control", "Koopman-MPC tracking")):
+        add(name, f"{what} of the DDR, the paper's table").add_argument("--update", action="store_true", help="write the table into docs/, too")
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
     transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
@@ -154,7 +157,7 @@ def dispatch(a):
     if a.command == "demo":
         from . import demo
 
-        demo.run(a.out, a.log)
+        demo.run(a.out, a.log, a.update)
     elif a.command == "fly":
         from .logs import fly
 
@@ -254,7 +257,8 @@ def dispatch(a):
         from importlib import import_module
 
         room = "assure" if a.command in ("coverage", "static", "determinism", "sanitize") else "experiments"
-        import_module(f"tinykoop.{room}.{a.command}").run(a.out)
+        updates = (a.update,) if "update" in a else ()
+        import_module(f"tinykoop.{room}.{a.command}").run(a.out, *updates)
 
 
 def _run():

@@ -1,13 +1,19 @@
 """The main job from end to end."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 
 from . import bridge, diagnose
+from .diagnose.platforms.ddr import Teller
+from .diagnose.report.html import picture
 from .experiments import ablate, control, learn, windup
 from .logs import replay
-from .plumbing.results import console, output_folder
+from .plumbing.pages import ROOT
+from .plumbing.results import console, output_folder, write_bytes
+
+DOCS = ROOT / "docs"
 
 
 def gap(out):
@@ -23,16 +29,22 @@ def gap(out):
         x = bridge.simulate(u[:-1], dt, active=robot, integrator=bridge.ARC)
         bridge.write_log(folder / f"{name}.csv", x + random.normal(0, 0.005, x.shape), u, dt)
     console.print("\nSim-to-real gap: a drive of a robot that lags, and slips from 50 s on (make diagnose LOG=..)")
-    diagnose.run(folder / "drive.csv", folder, folder / "fresh.csv")
+    return diagnose.run(folder / "drive.csv", folder, folder / "fresh.csv")
 
 
-def run(out, log=None):
-    """Learning, control, ablations, precision study and gap diagnosis of the DDR; then a replay of the log, if one is given."""
+def run(out, log=None, update=False):
+    """Learning, control, ablations, precision study and gap diagnosis of the DDR; then a replay of the log, if one is given.
+
+    update: the two pictures of the README are made anew, too.
+    """
     learn.run(out)
     control.run(out)
     ablate.run(out)
     windup.run(out)
-    gap(out)
+    result = gap(out)
+    if update:
+        shutil.copy(Path(out) / "windup_lanes.png", DOCS)
+        write_bytes(DOCS / "gap.svg", picture(Teller(result).story()))
     if log:
         replay.run_log(log, out)
     console.print(

@@ -11,7 +11,7 @@ finite, a Hessian that is not positive definite), the safe input (0, 0) is appli
 import numpy as np
 
 from .. import bridge
-from ..plumbing import plots
+from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import scenario
 
@@ -66,8 +66,8 @@ def track(method, precision, x, u, reference):
     return row, trace
 
 
-def run(out):
-    """Writes control.json and its plots into `out`; returns the rows."""
+def run(out, update=False):
+    """Writes control.json and its plots into `out`, and with `update` the table of docs/control.md; returns the rows."""
     out = output_folder(out)
     x, u = scenario.drive()
     reference = reference_path()
@@ -83,12 +83,20 @@ def run(out):
         draw_errors(out, traces)
         draw_inputs(out, traces)
         draw_covariance(out, traces)
-    report(rows)
+    lines = table(rows)
+    print_table(f"{TITLE}, the paper in brackets", HEADERS, lines, NOTE)
+    if update:
+        pages.update("docs/control.md", "control", pages.table(TITLE, HEADERS[:-1], [line[:-1] for line in lines]))
     return rows
 
 
-def report(rows):
-    """The table beside the paper's."""
+TITLE = "Tracking with Koopman-MPC, 2,000 steps, float64, no supervisor"
+HEADERS = ["method", "mean error", "energy", "fallback %", "error f32", "KKT max", "solve us, median / max"]
+NOTE = "Poly, Poly (DZ-CS) and Poly (DZ-KS) are bistable: a centimetre at the start decides (`make study`)."
+
+
+def table(rows):
+    """Lines of the table beside the paper's."""
     lines = []
     for method, row, narrow in scenario.by_precision(rows):
         error, energy, fallback = PAPER[method.dictionary, method.regulator]
@@ -103,12 +111,7 @@ def report(rows):
                 f"{row['solve_us']['median']:.0f} / {row['solve_us']['max']:.0f}",
             ]
         )
-    print_table(
-        "Tracking with Koopman-MPC, 2,000 steps: float64, the paper in brackets",
-        ["method", "mean error", "energy", "fallback %", "error f32", "KKT max", "solve us, median / max"],
-        lines,
-        "Poly, Poly (DZ-CS) and Poly (DZ-KS) are bistable: a centimetre at the start decides (`make study`).",
-    )
+    return lines
 
 
 # ---- plots -----------------------------------------------------------------------------------

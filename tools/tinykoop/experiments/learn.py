@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..plumbing import plots
+from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import scenario
 
@@ -32,8 +32,8 @@ def row_of(method, precision, x, u):
     return row, trace
 
 
-def run(out):
-    """Writes learn.json and its plots into `out`; returns the rows."""
+def run(out, update=False):
+    """Writes learn.json and its plots into `out`, and with `update` the table of docs/paper.md; returns the rows."""
     out = output_folder(out)
     x, u = scenario.drive()
     rows, traces = [], {}
@@ -44,12 +44,23 @@ def run(out):
         traces[method, precision] = trace
     with replacing(out / "learn.json", rows):
         draw(out, x, traces, rows)
-    report(rows)
+    lines = table(rows)
+    print_table(f"{TITLE}, the paper in brackets", HEADERS, lines, NOTE)
+    if update:
+        pages.update("docs/paper.md", "learn", pages.table(TITLE, HEADERS, lines))
     return rows
 
 
-def report(rows):
-    """The table beside the paper's, float64, with what float32 makes of it."""
+TITLE = "One-step learning of the DDR, 5,000 steps, float64, plain form"
+HEADERS = ["method", "mean error", "final |P|", "final |A|", "skipped %", "f32/f64", "P lost"]
+NOTE = (
+    "f32/f64: mean error; P lost: first step at which P is not positive definite, f64 / f32.\n"
+    "Vanilla RBF: error and |A| are round-off; its |P| is the closed form 100 lambda^-5000 per idle direction."
+)
+
+
+def table(rows):
+    """Lines of the table beside the paper's, float64, with what float32 makes of it."""
     lines = []
     for method, row, narrow in scenario.by_precision(rows):
         error, P, A, skip = scenario.PAPER[method.dictionary, method.regulator]
@@ -66,13 +77,7 @@ def report(rows):
                 f"{number(lost[0])} / {number(lost[1])}",
             ]
         )
-    print_table(
-        "One-step learning of the DDR, 5,000 steps: float64, the paper in brackets",
-        ["method", "mean error", "final |P|", "final |A|", "skipped %", "f32/f64", "P lost"],
-        lines,
-        "f32/f64: mean error; P lost: first step at which P is not positive definite, f64 / f32.\n"
-        "Vanilla RBF: error and |A| are round-off; its |P| is the closed form 100 lambda^-5000 per idle direction.",
-    )
+    return lines
 
 
 # ---- plots -----------------------------------------------------------------------------------

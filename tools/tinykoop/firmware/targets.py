@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from functools import partial, reduce
 from pathlib import Path
 
+from ..plumbing import pages
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
-from ..plumbing.results import number, output_folder, print_table, progress, write_bytes, write_json
+from ..plumbing.results import number, output_folder, print_table, progress, write_json
 from . import callgraph
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -309,8 +310,6 @@ def read_committed():
         raise UserError(f"{COMMITTED}: {error}")
 
 
-BEGIN, END = "<!-- footprint: begin, written by make targets UPDATE=1 -->", "<!-- footprint: end -->"
-
 HEADERS = [
     "target", "config", "code", "learn", "stack", "lift", "plain", "sqrt", "condense k", "warm k", "cold k", "worst k",
 ]  # fmt: skip
@@ -327,11 +326,6 @@ def table(rows):
             line += [round(mpc[key] / 1000) for key in ("condense", "warm", "cold", "worst")]
         lines.append([cell if isinstance(cell, str) else _grouped(cell) for cell in line + [None] * (len(HEADERS) - len(line))])
     return lines
-
-
-def _markdown(title, headers, lines):
-    cells = [headers, ["---"] + ["---:"] * (len(headers) - 1), *lines]
-    return "\n".join([f"**{title}**", "", *("| " + " | ".join(map(str, line)) + " |" for line in cells), ""])
 
 
 def _grouped(value):
@@ -355,7 +349,7 @@ def _instructions_table(rows, level):
             cells = [reduce(lambda tree, part: tree[part], name, row["instructions"]) for row in counted]
             lines.append([" ".join([NAMES[key], *name[1:]]), *map(_grouped, cells)])
     headers = ["", *[f"{row['target']} N = {_size(row)}" for row in counted]]
-    return _markdown(f"Instructions at -{level}, m = 2, horizon 50", headers, lines)
+    return pages.table(f"Instructions at -{level}, m = 2, horizon 50", headers, lines)
 
 
 NAMES = {
@@ -378,9 +372,9 @@ def markdown(rows):
     ram = {_size(row): row["ram"] for row in rows if row["ram"]}
     memory = [[f"N = {n}, m = 2, horizon 50", *map(_grouped, both.values())] for n, both in ram.items()]
     parts = [
-        _markdown("Bytes of code, koopf.c", ["", "everything", "lift and update only", "data", "bss"], code),
-        _markdown("Bytes of the caller's RAM", ["", "learner, square root", "controller"], memory),
-        _markdown("Bytes of stack", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
+        pages.table("Bytes of code, koopf.c", ["", "everything", "lift and update only", "data", "bss"], code),
+        pages.table("Bytes of the caller's RAM", ["", "learner, square root", "controller"], memory),
+        pages.table("Bytes of stack", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
         *[_instructions_table(rows, level) for level in LEVELS],
     ]
     return "\n".join(parts)
@@ -397,23 +391,10 @@ def summary(rows):
             cells = [row["text"], row["text_learn"], max(row["stack"].values()), count["lift"], *updates, *solves]
             lines.append([row["target"], *map(_grouped, cells)])
     headers = ["", "code, all", "lift, update", "stack", "lift", "update, plain", "square root", "MPC warm", "cold", "worst"]
-    return _markdown("Bytes and instructions, float32, -O2, N = 22, m = 2, horizon 50, `dz_cs`", headers, lines)
+    return pages.table("Bytes and instructions, float32, -O2, N = 22, m = 2, horizon 50, `dz_cs`", headers, lines)
 
 
-PAGES = {"README.md": summary, "targets/README.md": markdown}
-
-
-def between_markers(text, table):
-    """The text with another table between the two markers."""
-    before, rest = text.split(BEGIN, 1)
-    return f"{before}{BEGIN}\n\n{table}\n{END}{rest.split(END, 1)[1]}"
-
-
-def write_pages(rows):
-    """The table of every page, between its two markers."""
-    for name, table in PAGES.items():
-        page = ROOT / name
-        write_bytes(page, between_markers(page.read_text(), table(rows)).encode())
+PAGES = {"docs/benchmarks.md": summary, "targets/README.md": markdown}
 
 
 # ---- all of it ----------------------------------------------------------------------------------------
@@ -484,7 +465,8 @@ def run(out, update=False):
         raise UserError("\n".join(failures))
     if update:
         write_json(COMMITTED, rows)
-        write_pages(rows)
+        for page, tables in PAGES.items():
+            pages.update(page, "footprint", tables(rows))
     elif lines := changes(read_committed(), rows):
         raise UserError("\n".join(["figures against targets/footprint.json (make targets UPDATE=1 takes them over):", *lines]))
     return rows

@@ -1,7 +1,9 @@
 """A Story as one HTML page that needs nothing but itself."""
 
 import base64
+import re
 from html import escape
+from textwrap import wrap
 
 from . import words
 
@@ -47,12 +49,12 @@ th { color: var(--soft); font-weight: 500; } td { font-variant-numeric: tabular-
 """
 
 # One pattern for all figures; not hidden by display: none, under which browsers do not draw it.
-HATCH = (
-    '<svg class="defs" aria-hidden="true" style="position:absolute;width:0;height:0"><defs>'
-    '<pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
+DEFS = (
+    '<defs><pattern id="hatch" width="6" height="6" patternUnits="userSpaceOnUse" patternTransform="rotate(45)">'
     '<rect width="6" height="6" style="fill:var(--after);fill-opacity:.35"/><rect width="3" height="6" style="fill:var(--after)"/>'
-    "</pattern></defs></svg>"
+    "</pattern></defs>"
 )
+HATCH = f'<svg class="defs" aria-hidden="true" style="position:absolute;width:0;height:0">{DEFS}</svg>'
 
 
 def bullets(sentences):
@@ -97,3 +99,29 @@ def html(told):
     meta += f"<title>{escape(title)}</title><style>{STYLE}</style>"
     sections = "".join(f"<section><h2>{escape(section.heading)}</h2>{_parts(section)}</section>" for section in told.sections)
     return f'<!DOCTYPE html>\n<html lang="en"><head>{meta}</head><body>{HATCH}{_head(told)}{sections}</body></html>\n'.encode()
+
+
+# ---- one picture ---------------------------------------------------------------------------------
+
+ROOM, LINE, LONGEST = 24, 20, 58  # px between figures and of a line of text; characters of one
+
+
+def _caption(x, text, lines):
+    return "".join(
+        f'<text x="{x}" y="{ROOM + LINE * i}" class="strong">{escape(line)}</text>' for i, line in enumerate(wrap(text, LONGEST)[:lines])
+    )
+
+
+def picture(told):
+    """The head of a Story as one SVG image (bytes), for a page elsewhere."""
+    shown, lines = told.head.figures, max(len(wrap(caption, LONGEST)) for caption, _ in told.head.figures)
+    sizes = [tuple(map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', svg).groups())) for _, svg in shown]
+    top, x, parts = ROOM + LINE * lines, ROOM, []
+    for (caption, svg), (width, height) in zip(shown, sizes):
+        parts += [_caption(x, caption, lines), svg.replace("<svg ", f'<svg x="{x}" y="{top}" width="{width:g}" height="{height:g}" ', 1)]
+        x += round(width) + ROOM
+    height = top + max(height for _, height in sizes) + ROOM
+    opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {x} {height:g}" width="{x}" height="{height:g}">'
+    paper = f'<rect width="{x}" height="{height:g}" style="fill: var(--paper)"/>'
+    style = re.sub(r"svg \{[^}]*\}", 'text { font: 13px "DejaVu Sans", sans-serif; }', STYLE).replace("svg ", "")
+    return f"{opening}<style>{style}</style>{DEFS}{paper}{''.join(parts)}</svg>\n".encode()

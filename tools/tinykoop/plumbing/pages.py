@@ -1,0 +1,30 @@
+"""Tables of the pages, each written by the command that measures it (UPDATE=1), between two markers."""
+
+import re
+from pathlib import Path
+
+from .errors import UserError
+from .results import write_bytes
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def table(title, headers, lines):
+    """Markdown; the first column is text, the others are figures."""
+    cells = [headers, ["---"] + ["---:"] * (len(headers) - 1), *lines]
+    rows = ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in cells]
+    return "\n".join([f"**{title}**", "", *rows, ""])
+
+
+def between_markers(text, name, contents):
+    """The text of a page with other contents between the two markers of that name."""
+    marked = re.compile(rf"(<!-- {name}: begin[^>]*-->\n).*?(<!-- {name}: end -->)", re.S)
+    if not marked.search(text):
+        raise UserError(f"the page has no markers '{name}: begin' and '{name}: end'")
+    return marked.sub(lambda found: f"{found[1]}\n{contents}\n{found[2]}", text)
+
+
+def update(page, name, contents):
+    """Writes contents between the markers of a page, named from the root of the project."""
+    path = ROOT / page
+    write_bytes(path, between_markers(path.read_text(), name, contents).encode())

@@ -121,6 +121,12 @@ def test_bad_file_is_one_line_and_exit_2(case, fresh, tinykoop, tmp_path):
         refused(tinykoop(bad), "log.csv", says)
 
 
+@pytest.mark.parametrize("most, status", [("10", 0), ("1e-6", 1)])
+def test_a_gap_larger_than_allowed_is_exit_status_1(most, status, tinykoop, tmp_path):
+    good = write(tmp_path / "good.csv", poses(drive()), drive())
+    assert tinykoop(good, "--max-gap", most)[0] == status
+
+
 def test_missing_file(tinykoop, tmp_path):
     good = write(tmp_path / "good.csv", poses(drive()), drive())
     refused(tinykoop(tmp_path / "missing.csv"), "missing.csv")

@@ -206,6 +206,15 @@ def test_bad_input_is_one_line_and_exit_2(arguments, says, tmp_path):
     assert error.startswith("tinykoop: ") and error.count("\n") == 1
 
 
+def test_help_lists_every_command_in_a_group_within_a_terminal():
+    help_ = cli.parser().format_help()
+    (commands,) = (action.choices for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))
+    listed = [line.split()[0] for line in help_.splitlines() if line.startswith("  ") and line.split()[0] in commands]
+    assert listed == list(commands) and len(commands) > 20
+    assert all(f"\n{group}:\n" in help_ for group in cli.GROUPS)
+    assert max(map(len, help_.splitlines())) <= 100
+
+
 def test_no_argument_defaults_to_a_place_outside_the_repository():
     (commands,) = (action.choices for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))
     places = {

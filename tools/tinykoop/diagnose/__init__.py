@@ -4,6 +4,7 @@ Data flow: platforms (a log as the engine takes it) -> prediction_errors (the en
 report) -> report (what people read: a story, on the terminal and as a page).
 """
 
+import math
 from importlib import import_module
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
 from .report.html import html
-from .report.terminal import show
+from .report.terminal import say, show
 from .robots import is_own
 
 
@@ -40,6 +41,17 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
         write_bytes(out / "report.html", html(told))
     show(told, out / "report.html")
     return result
+
+
+def exceeds(result, most):
+    """Whether the simulator's error at the longest horizon is larger than this, if something is given; says so."""
+    gap = result.report["gap"]["before"]
+    key = max((key for key, value in gap.items() if math.isfinite(value)), key=int, default=None)
+    if most is None or (key and gap[key] <= most):
+        return False
+    unit = result.report["gap"]["unit"]
+    say(f"The gap is {gap[key]:.3g} {unit} {key} steps ahead, more than {most:g} {unit}." if key else "The gap could not be measured.")
+    return True
 
 
 def in_log_time(report, t0):

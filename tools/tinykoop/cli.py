@@ -41,6 +41,10 @@ def _your_log(add):
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
     check.add_argument("--sim", metavar="SIM.csv", help="a run of your simulator under the log's commands, instead of [simulator]")
+    fix = add("patch", "put the effects of a report into a robot's TOML, ros2_control YAML, MJCF or Python file", out=False)
+    fix.add_argument("report", metavar="report.json")
+    fix.add_argument("--into", required=True, metavar="FILE", help=".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .py")
+    fix.add_argument("--write", action="store_true", help="change the file; otherwise the change is printed as a diff")
     effects = add("effects", "list all effects with formula, parameters, units, bounds and typical size", out=False)
     effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{whose}; default: ddr")
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
@@ -217,6 +221,10 @@ def dispatch(a):
         from .diagnose.robots import check, new
 
         check.run(a.robot, a.log, a.sim) if a.what == "check" else new.run(a.name)
+    elif a.command == "patch":
+        from .diagnose import patch
+
+        patch.run(a.report, a.into, a.write)
     elif a.command == "effects":
         from .diagnose.robots import effects
 

@@ -85,6 +85,7 @@ class Robot:
     use: tuple[str, ...] = ()  # kinds of effects; none named: all
     own: tuple = ()  # effects of the user's own
     file: str = "the robot's file"  # where it is described
+    acting: tuple = ()  # (name, {parameter: value}) of effects that belong to the simulator
 
     @property
     def nominal(self):

@@ -16,7 +16,7 @@ UNITS = {
     ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("ns", "s"): 1e-9, ("mm", "m"): 1e-3, ("cm", "m"): 1e-2, ("mm/s", "m/s"): 1e-3,
     ("cm/s", "m/s"): 1e-2, ("km/h", "m/s"): 1 / 3.6, ("g", "m/s2"): 9.80665, ("mV", "V"): 1e-3, ("%", "1"): 1e-2,
 }  # fmt: skip
-SECTIONS = {"name", "log", "simulator", "parameter", "effects", "report"}
+SECTIONS = ("name", "log", "simulator", "parameter", "effect", "effects", "report")
 
 
 def _expect(table, keys, where, path):
@@ -61,6 +61,14 @@ def _inner(table, path):
     if not low < high or not usual > 0 or (math.isfinite(value) and not low <= value <= high):
         raise UserError(f"{path}: {where}: low < high, value between them and usual above 0 are needed")
     return Inner(name, table.get("unit", "1"), value, low, high, usual, table.get("field", name))
+
+
+def _acting(table, path):
+    """(name, params) of an effect that belongs to the simulator."""
+    name = _need(table, "name", str, "[[effect]]", path)
+    _expect(table, ("name", "params"), f"[[effect]] {name}", path)
+    params = _need(table, "params", dict, f"[[effect]] {name}", path)
+    return name, {key: float(_need(params, key, (int, float), f"[[effect]] {name}: params", path)) for key in params}
 
 
 def _text(path):
@@ -141,4 +149,5 @@ def read(path, simulated=True):
         tuple(effects.get("use", ())),
         own,
         str(path),
+        tuple(_acting(effect, path) for effect in table.get("effect", [])),
     )

@@ -56,6 +56,14 @@ def _checked(robot, log, **options):
     return path
 
 
+def _add_fields(effects, robot):
+    """Where the model keeps the parameters that are wrong."""
+    fields = {f"parameter:{p.name}": p.field for p in robot.parameters}
+    for effect in effects:
+        if effect["name"] in fields:
+            effect["field"] = fields[effect["name"]]
+
+
 def diagnose(log, robot, fresh=None, without=(), healthy=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
     before = _healthy(healthy, robot)
@@ -67,13 +75,14 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
         "time_step": {"matters": bool(path.variant), "share": path.share},
         "passes": round(log.passes),
     }  # fmt: skip
+    _add_fields(report["effects"], robot)
     report["best_fit"] = report["effects"] if found.verdict == "unknown" else []
     report["effects"] = report["effects"] if found.verdict != "unknown" else []
     if hasattr(robot.simulator, "surrogate"):
         report["surrogate"] = robot.simulator.surrogate
     result = Diagnosis(report, found)
     if fresh is not None:
-        other = Path(robot, fresh, before=path.before)
+        other = Path(robot, fresh, before=before)
         other.step_by(path.variant)
         report["fresh"] = on_fresh(result, other)
     return result

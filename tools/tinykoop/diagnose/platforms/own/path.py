@@ -9,8 +9,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import savgol_filter
 
+from ....plumbing.errors import UserError
 from ...prediction_errors import noise as noises
 from ...prediction_errors import path, smooth
+from ...prediction_errors.fit import Cause
 from ...robot import RunsAway
 from ...robots import features
 from ...robots.actions import Stepper, idle
@@ -69,9 +71,22 @@ class Path(path.Path):
         self._first_path()
         self.everything = library(self.context, self.velocities, self.reach)
         self.effects = {name: effect for name, effect in self.everything.items() if name not in without}
-        self.before = tuple(before)
+        self.before = (*self._acting(), *before)
+        if self.before:  # the path was looked for without them
+            self.at_causes, self._known = None, {}
+            self.about(())
         late = frozenset(f"sensor_delay:{channel.name}" for channel in robot.channels)
         self.lookalikes = {late: "commands that come late"} if len(late) > 1 else {}
+
+    def _acting(self):
+        """Causes of the effects that belong to the simulator, as the robot's file has them."""
+        for name, params in self.robot.acting:
+            effect = self.everything.get(name)
+            known = [p.name for p in effect.parameters] if effect else []
+            if sorted(known) != sorted(params):
+                there = f"its parameters are {', '.join(known)}" if effect else "`tinykoop effects --robot` lists what there is"
+                raise UserError(f"{self.robot.file}: [[effect]] {name}: {there}")
+            yield Cause(name, tuple(params[key] for key in known))
 
     # ---- rows and channels ---------------------------------------------------------------------------------
 

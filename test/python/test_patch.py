@@ -1,0 +1,189 @@
+"""The fix handed back: what a report found, put into files of simulators and controllers."""
+
+import csv
+import importlib.util
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tinykoop import bridge
+from tinykoop.diagnose import patch, run
+from tinykoop.diagnose.patch import diff_drive, mjcf
+from tinykoop.plumbing.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+OWN = ROOT / "examples/own_robot"
+YAML = """controller:
+  ros__parameters:
+    left_wheel_names: ["left"]
+    wheel_separation: 0.4
+    wheel_radius: 0.1
+    left_wheel_radius_multiplier: 1.02
+"""
+
+
+def report_of(folder, effects, verdict="known"):
+    """A report file with these effects {name: params}, which act all along."""
+    told = [
+        {"name": name, "params": params, "segments": [[0.0, 10.0]], "formula": "", "field": field} for name, (params, field) in effects.items()
+    ]
+    path = folder / "report.json"
+    path.write_text(json.dumps({"verdict": verdict, "effects": told, "log": {"seconds": 10.0}}))
+    return path
+
+
+def drive(**params):
+    return {name: (values, "") for name, values in params.items()}
+
+
+def test_wheels_of_a_patched_controller_do_what_was_commanded(tmp_path):
+    """Wheel speeds by the controller's formula turn a robot whose true wheels follow from what the unpatched one did."""
+    a, b, c = 0.08, -0.15, 0.05
+    effects = drive(speed_gain={"a": a}, yaw_gain={"b": b}, wheel_asymmetry={"c": c})
+    into = tmp_path / "controller.yaml"
+    into.write_text(YAML)
+    patch.run(report_of(tmp_path, effects), into, write=True)
+
+    def wheels(text, v, omega):
+        number = lambda name, default: float((re.search(rf"{name}: (\S+)", text) or [0, default])[1])  # noqa: E731
+        half = number("wheel_separation", 0) * number("wheel_separation_multiplier", 1) / 2
+        radii = [number("wheel_radius", 0) * number(f"{side}_wheel_radius_multiplier", 1) for side in ("left", "right")]
+        return (v - half * omega) / radii[0], (v + half * omega) / radii[1]
+
+    # the true robot: its wheels, as the unpatched controller's commands show them
+    moves = [(v * (1 + a), omega * (1 + b) + c * v * (1 + a)) for v, omega in ((1.0, 0.0), (0.0, 1.0))]
+    response = np.linalg.solve(np.array([wheels(YAML, 1.0, 0.0), wheels(YAML, 0.0, 1.0)]), np.array(moves))
+    for v, omega in ((0.7, 0.0), (0.4, 0.9), (-0.3, 0.5)):
+        done = np.array(wheels(into.read_text(), v, omega)) @ response
+        np.testing.assert_allclose(done, (v, omega), atol=3e-3)  # c to first order
+
+
+def test_a_multiplier_is_written_beside_the_separation_and_one_that_is_there_is_changed(tmp_path):
+    into = tmp_path / "controller.yaml"
+    into.write_text(YAML)
+    effects = drive(speed_gain={"a": 0.1}, yaw_gain={"b": 0.25}, saturation={"v_max": 1.5, "w_max": 0.0})
+    text, new = patch.patched({"effects": [{"name": n, "params": p} for n, (p, _) in effects.items()]}, into)
+    assert text == into.read_text() == YAML
+    assert "\n    wheel_separation_multiplier: 0.88\n" in new and "left_wheel_radius_multiplier: 1.122\n" in new
+    assert "\n    right_wheel_radius_multiplier: 1.1\n" in new and "linear.x.max_velocity: 1.5" in new and "angular" not in new
+
+
+def test_yaw_gain_alone_is_the_separation(tmp_path):
+    assert diff_drive.factors({"yaw_gain": {"b": 0.25}}) == ({"wheel_separation_multiplier": 0.8}, {})
+
+
+SNIPPETS = {
+    "gains": [("speed_gain", (0.1,)), ("yaw_gain", (-0.2,)), ("wheel_asymmetry", (0.05,)), ("yaw_bias", (0.02,))],
+    "lag and delay": [("actuator_lag", (0.3,)), ("transport_delay", (0.13,))],
+    "limits": [("saturation", (0.9, 0.0)), ("dead_band", (0.2, 0.1)), ("actuator_lag", (0.2,))],
+}
+
+
+@pytest.mark.parametrize("case", SNIPPETS)
+def test_a_python_snippet_does_to_commands_what_the_simulator_does(case, tmp_path):
+    table, dt = bridge.effects(), 0.05
+    effects = {name: ({row[0]: v for row, v in zip(table[name][1], params)}, "") for name, params in SNIPPETS[case]}
+    into = tmp_path / "robot.py"
+    patch.run(report_of(tmp_path, effects), into, write=True)
+    spec = importlib.util.spec_from_file_location("robot", into)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform((-0.5, -1.0), (1.5, 1.0), (20, 2)), 10, axis=0)
+    active = [bridge.Effect(name, params) for name, params in SNIPPETS[case]]
+    expected = bridge.simulate(u, dt, active=active, integrator=bridge.ARC)
+    done = bridge.simulate(np.column_stack(module.executed(*u.T, dt)), dt, integrator=bridge.ARC)
+    np.testing.assert_allclose(done, expected, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def lagging(tmp_path_factory):
+    """(folder, robot, log) of the car whose steering is slow."""
+    folder = tmp_path_factory.mktemp("car")
+    for name in ("car.toml", "car.py"):
+        shutil.copy(OWN / "car" / name, folder)
+    spec = importlib.util.spec_from_file_location("make_log", OWN / "car/make_log.py")
+    true = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(true)
+    with open(folder / "car.csv", "w", newline="") as file:
+        csv.writer(file).writerows([("t", "x", "y", "psi", "v_cmd", "delta"), *true.drive(7)[:800]])
+    return folder, folder / "car.toml", folder / "car.csv"
+
+
+def test_a_patched_robot_has_the_gap_that_was_claimed(lagging):
+    folder, robot, log = lagging
+    claimed = run(log, folder / "out", robot=str(robot)).report
+    assert [e["name"] for e in claimed["effects"]] == ["lag:steering"]
+    patch.run(folder / "out/report.json", robot, write=True)
+    again = run(log, folder / "again", robot=str(robot)).report
+    before, floor = claimed["gap"]["before"]["50"], claimed["gap"]["noise_floor"]["50"]
+    closed = (before - again["gap"]["before"]["50"]) / (before - floor)
+    assert abs(closed - claimed["gap"]["closed_fraction"]["50"]) < 0.02 and again["verdict"] == "none"
+
+
+def test_without_write_the_file_stays_and_the_change_is_shown(tmp_path, capsys):
+    into = tmp_path / "controller.yaml"
+    into.write_text(YAML)
+    patch.run(report_of(tmp_path, drive(yaw_gain={"b": 0.25})), into)
+    assert into.read_text() == YAML
+    assert "+    wheel_separation_multiplier: 0.8\n" in capsys.readouterr().out
+
+
+def test_an_effect_of_the_robots_file_must_be_one_that_there_is(lagging, tmp_path):
+    folder, robot, log = lagging
+    for name in ("car.toml", "car.py"):
+        shutil.copy(OWN / "car" / name, tmp_path)
+    text = (tmp_path / "car.toml").read_text()
+    for block, says in (('name = "lag:wheel"\nparams = {tau = 0.1}', "lists what there is"), ('name = "lag:speed"\nparams = {a = 0.1}', "tau")):
+        (tmp_path / "car.toml").write_text(f"{text}\n[[effect]]\n{block}\n")
+        with pytest.raises(UserError, match=says):
+            run(log, tmp_path / "out", robot=str(tmp_path / "car.toml"))
+
+
+BAD = {
+    "unknown": (drive(yaw_gain={"b": 0.1}), "unknown", "controller.yaml", "nothing to patch"),
+    "no parameter": (drive(world_drift={"wx": 0.1, "wy": 0.0}), "known", "controller.yaml", "no parameter for world_drift"),
+    "no snippet": (drive(world_drift={"wx": 0.1, "wy": 0.0}), "known", "new.py", "no snippet for world_drift"),
+    "other file": (drive(yaw_gain={"b": 0.1}), "known", "robot.sdf", "--into takes .toml"),
+    "missing": (drive(yaw_gain={"b": 0.1}), "known", "missing.yaml", "cannot be read"),
+    "no controller": (drive(yaw_gain={"b": 0.1}), "known", "other.yaml", "no wheel_separation"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_patched_is_refused_with_a_reason(case, tmp_path):
+    effects, verdict, name, says = BAD[case]
+    (tmp_path / "controller.yaml").write_text(YAML)
+    (tmp_path / "other.yaml").write_text("a: 1\n")
+    with pytest.raises(UserError, match=says):
+        patch.run(report_of(tmp_path, effects, verdict), tmp_path / name)
+
+
+@pytest.mark.parametrize("text", [None, "no JSON", "[]", "{}"])
+def test_what_is_no_report_is_refused(text, tmp_path):
+    path = tmp_path / "report.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(UserError, match="report.json: (is no report|cannot be read)"):
+        patch.run(path, tmp_path / "new.py")
+
+
+def test_a_patched_mujoco_model_has_the_parameters(tmp_path):
+    mujoco = pytest.importorskip("mujoco")
+    text = (OWN / "two_wheeler/two_wheeler.xml").read_text()
+    effects = [
+        {"name": "parameter:chassis_mass", "params": {"change": 0.4}, "field": "body/chassis/mass"},
+        {"name": "parameter:wheel_friction", "params": {"change": -0.2}, "field": "geom/left,right/friction"},
+    ]
+    new = mjcf.patched(text, {"effects": effects}, tmp_path / "robot.xml")
+    before, after = (mujoco.MjModel.from_xml_string(model) for model in (text, new))
+    body = before.body("chassis").id
+    assert after.body_mass[body] - before.body_mass[body] == pytest.approx(0.4, abs=1e-5)
+    for name in ("left", "right"):
+        old, changed = before.geom(name).friction, after.geom(name).friction
+        np.testing.assert_allclose(changed - old, (-0.2, 0, 0), atol=1e-6)
+
+

@@ -1,0 +1,48 @@
+"""The fix handed back: what a report found, as a change of the file that holds the simulator's numbers."""
+
+import difflib
+import json
+from pathlib import Path
+
+from ...plumbing.errors import UserError
+from ...plumbing.results import console, printable, write_bytes
+from ..report.terminal import say
+from . import diff_drive, mjcf, python, robot
+
+WRITERS = {".toml": robot, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python}
+
+
+def _report(path):
+    try:
+        report = json.loads(Path(path).read_text())
+        verdict, effects = report["verdict"], report["effects"]
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); `tinykoop diagnose LOG` writes it as report.json") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: is no report of `tinykoop diagnose`; give its report.json") from error
+    if verdict != "known" or not effects:
+        raise UserError(f"{path}: the verdict is '{verdict}', so there is nothing to patch; record another log and diagnose that")
+    return report
+
+
+def patched(report, path):
+    """(text of the file, text with the effects of the report in it)."""
+    writer = WRITERS.get(path.suffix)
+    if writer is None:
+        raise UserError(f"{path}: --into takes {', '.join(WRITERS)}; copy the sizes from the report's table by hand")
+    try:
+        text = path.read_text() if path.exists() or writer is not python else ""
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read ({error})") from error
+    return text, writer.patched(text, report, path)
+
+
+def run(report_file, into, write=False):
+    """Prints the change as a diff; with `write` makes it."""
+    into = Path(into)
+    text, new = patched(_report(report_file), into)
+    lines = [part.splitlines(keepends=True) for part in (text, new)]
+    console.print("".join(difflib.unified_diff(*lines, printable(into), printable(into))), markup=False, highlight=False, soft_wrap=True)
+    if write:
+        write_bytes(into, new.encode())
+        say(f"Written: {printable(into)}. Diagnose a fresh log with it to see that the gap closes.")

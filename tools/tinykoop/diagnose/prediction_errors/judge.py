@@ -229,7 +229,7 @@ def intervals(fitter, fit):
     shown = size**2 > SHOWN
     if shown.any():
         half[shown] = _halves(J[:, shown] / size[shown], fit.left, SPREAD * fitter.path.present.shape[1]) / size[shown]
-    return z[:, None] + half[:, None] * np.array([-1, 1])
+    return z[:, None] + (half * fitter.doubted(fit.causes))[:, None] * np.array([-1, 1])
 
 
 def _halves(J, left, rows):

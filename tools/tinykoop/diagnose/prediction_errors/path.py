@@ -43,6 +43,11 @@ class Path:
         return np.zeros_like(self.A)
 
     @staticmethod
+    def doubt(name):
+        """By how much sizes of an effect are off beside what noise makes them, of that: by nothing."""
+        return 0.0
+
+    @staticmethod
     def preference(name):
         """Rank of one of the names that an effect may have: none is preferred."""
         return 0

@@ -9,7 +9,7 @@ from test_diagnose import DT, LONG, SHORT, SP, ST, START, as_log, drive, log_of,
 from tinykoop import bridge
 from tinykoop.bridge.whitening import LANES, deviances, whiten
 from tinykoop.diagnose.platforms import ddr
-from tinykoop.diagnose.prediction_errors import ahead, judge, noise, spans
+from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans
 from tinykoop.diagnose.prediction_errors.fit import Cause, Fit, Fitter
 from tinykoop.diagnose.prediction_errors.noise import Noise
 from tinykoop.diagnose.prediction_errors.search import Search
@@ -250,6 +250,18 @@ def test_strong_effect_is_not_traded_for_one_at_its_bounds():
     """A robot that turns half as far as told, sluggishly: slip at its bounds does about the same."""
     log = log_of(drive(SHORT, 8), [bridge.Effect("yaw_gain", (-0.55,)), bridge.Effect("actuator_lag", (0.9,))])
     assert set(Search(ddr.Path(log)).run().fit.names) == {"yaw_gain", "actuator_lag"}
+
+
+def test_stepping_that_made_up_for_a_cause_goes_with_it():
+    """A robot that hardly changes how it turns: steps of another kind set it aside as a skid does, and its size would be a quarter too large."""
+    effect, u = usual("lateral_skid")[0], np.tile((0.9, 0.3), (200, 1))
+    u[100:, 1] = -0.3
+    path = ddr.Path(log_of(u, [effect]), variant=1)
+    search = Search(path)
+    state = search.likeliest(search.fitter.refine(search.fitter.fit_of([Cause("lateral_skid", effect.parameters)])))
+    assert abs(state.causes[0].params[0] / effect.parameters[0] - 1) > 0.1
+    better = simpler.stepped(search, state)
+    assert better.variant == 0 and better.causes[0].params == pytest.approx(effect.parameters, rel=0.05)
 
 
 def test_first_noise_is_that_of_the_sensor():

@@ -278,7 +278,7 @@ class Line:
 
     def __init__(self, J, noise):
         self.J, self.noise, self.truth = J, noise, np.ones(J.shape[1])
-        self.path = SimpleNamespace(present=np.ones((len(J), 1)))
+        self.path = SimpleNamespace(present=np.ones((len(J), 1)), doubt=lambda causes: 0.0)
 
     def vector(self, causes):
         return np.array(causes), None, None, None
@@ -292,9 +292,6 @@ class Line:
 
     def jacobian(self, fit):
         return self.J
-
-    def doubted(self, causes):
-        return np.ones(len(causes))
 
     def fit(self):
         return self.fit_of(tuple(self.truth - np.linalg.lstsq(self.J, self.noise, rcond=None)[0]))

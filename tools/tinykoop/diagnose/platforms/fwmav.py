@@ -116,9 +116,9 @@ class Path(path.Path):
         return D, np.zeros_like(D)
 
     @staticmethod
-    def doubt(name):
+    def doubt(causes):
         """Turbulence that the controller answers looks like a servo that is late; a few healthy flights do not tell by how much."""
-        return LATE if name in ("lag", "delay") else 0.0
+        return LATE if any(c.name in ("lag", "delay") for c in causes) else 0.0
 
     def step_by(self, variant):
         """There is but one."""

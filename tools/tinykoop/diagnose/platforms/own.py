@@ -527,9 +527,9 @@ class Path(path.Path):
         return max(SMALLEST * way, (CORNERS if self.cut else SMALLEST_NOISE) * np.sqrt(np.mean(noise.sensor[axes] ** 2)))
 
     @staticmethod
-    def doubt(name):
-        """Commands act as their mean over a row: what comes late, or when several come late at once, does not quite."""
-        return LATE if name.partition(":")[0] in ("lag", "delay") else 0.0
+    def doubt(causes):
+        """Commands act as their mean over a row: those that come late do not quite, and what is found beside that makes up for it."""
+        return LATE if any(c.name.partition(":")[0] in ("lag", "delay") for c in causes) else 0.0
 
     preference = staticmethod(preference)
 

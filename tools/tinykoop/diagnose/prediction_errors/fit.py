@@ -89,10 +89,6 @@ class Fitter:
         z, _, _, curved = self.vector(causes)
         return float((curved * (z - 1) ** 2).sum()) / GUESS**2
 
-    def doubted(self, causes):
-        """Times (p,) what noise makes of sizes, that they are off."""
-        return np.concatenate([np.zeros(0), *(np.full(len(c.params), np.hypot(1, self.path.doubt(c.name))) for c in causes)])
-
     def held(self, cause):
         """Names of the parameters that a bound keeps from going on; zero is no effect, not a bound."""
         z, low, high, _ = self.vector((cause,))

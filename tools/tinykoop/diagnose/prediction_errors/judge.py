@@ -165,7 +165,7 @@ def threshold_interval(fitter, fit, index, price=3.84):
     """Where the cost of a parameter without a slope rises by `price`, whatever the others make up for: found by steps outwards."""
     z, ends, others = fitter.vector(fit.causes)[0], [], _others(fitter, fit, index)
     cost = lambda trial: trial.cost - ((others.T @ trial.left) ** 2).sum()  # noqa: E731
-    most = cost(fit) + price
+    most = cost(fit) + price * (1 + fitter.path.doubt(fit.causes) ** 2)
     for sign in (-1, 1):
         step, edge = 1e-3, z[index]
         while step < 8:
@@ -229,7 +229,7 @@ def intervals(fitter, fit):
     shown = size**2 > SHOWN
     if shown.any():
         half[shown] = _halves(J[:, shown] / size[shown], fit.left, SPREAD * fitter.path.present.shape[1]) / size[shown]
-    return z[:, None] + (half * fitter.doubted(fit.causes))[:, None] * np.array([-1, 1])
+    return z[:, None] + np.hypot(1, fitter.path.doubt(fit.causes)) * half[:, None] * np.array([-1, 1])
 
 
 def _halves(J, left, rows):

@@ -43,8 +43,8 @@ class Path:
         return np.zeros_like(self.A)
 
     @staticmethod
-    def doubt(name):
-        """By how much sizes of an effect are off beside what noise makes them, of that: by nothing."""
+    def doubt(causes):
+        """By how much sizes of causes are off beside what noise makes them, of that: by nothing."""
         return 0.0
 
     @staticmethod

@@ -21,7 +21,7 @@ CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows
 SPREAD = 50  # rows of a block that counts as one observation
 SHOWN, UNTOLD = 1e-6, 1e-12  # squares that a usual size must be worth to have a slope; share of them that is round-off
 ALONE = 0.1  # of what is told of a parameter, that other blocks tell at least: a block by itself has no residual to judge by
-FEWEST = 2  # degrees of freedom: with one, an interval of 13 standard errors says nothing
+FEWEST = 2.5  # blocks that must tell of a size: else noise alone is believed, as of a gust, of which the block that has it tells all
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
 
 
@@ -244,7 +244,7 @@ def _halves(J, left, rows):
     scores, told = _scores(J @ R, left, rows)
     told = np.einsum("pi,bij,pj->bp", R, told, R)
     count = told.sum(0) ** 2 / (told**2).sum(0)
-    student = stats.t.ppf(0.975, np.maximum(count - 1, FEWEST))
+    student = np.where(count > FEWEST, stats.t.ppf(0.975, np.maximum(count - 1, 1)), 0.0)
     return np.maximum(1.96 * np.sqrt((R**2).sum(1)), student * np.sqrt(((R @ scores.T) ** 2).sum(1)))
 
 

@@ -1,5 +1,7 @@
 """The engine of the diagnoser: its filter against dense covariance matrices, noise that is known, edges, thresholds."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import linalg, stats
@@ -7,8 +9,8 @@ from test_diagnose import DT, LONG, SHORT, SP, ST, START, as_log, drive, log_of,
 from tinykoop import bridge
 from tinykoop.bridge.whitening import LANES, deviances, whiten
 from tinykoop.diagnose.platforms import ddr
-from tinykoop.diagnose.prediction_errors import ahead, noise, spans
-from tinykoop.diagnose.prediction_errors.fit import Cause, Fitter
+from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans
+from tinykoop.diagnose.prediction_errors.fit import Cause, Fit, Fitter
 from tinykoop.diagnose.prediction_errors.noise import Noise
 from tinykoop.diagnose.prediction_errors.search import Search
 
@@ -250,7 +252,86 @@ def test_strong_effect_is_not_traded_for_one_at_its_bounds():
     assert set(Search(ddr.Path(log)).run().fit.names) == {"yaw_gain", "actuator_lag"}
 
 
+def test_stepping_that_made_up_for_a_cause_goes_with_it():
+    """A robot that hardly changes how it turns: steps of another kind set it aside as a skid does, and its size would be a quarter too large."""
+    effect, u = usual("lateral_skid")[0], np.tile((0.9, 0.3), (200, 1))
+    u[100:, 1] = -0.3
+    path = ddr.Path(log_of(u, [effect]), variant=1)
+    search = Search(path)
+    state = search.likeliest(search.fitter.refine(search.fitter.fit_of([Cause("lateral_skid", effect.parameters)])))
+    assert abs(state.causes[0].params[0] / effect.parameters[0] - 1) > 0.1
+    better = simpler.stepped(search, state)
+    assert better.variant == 0 and better.causes[0].params == pytest.approx(effect.parameters, rel=0.05)
+
+
 def test_first_noise_is_that_of_the_sensor():
     path = ddr.Path(log_of(drive(LONG, 2), usual("actuator_lag")))
     first = noise.first(path)
     assert first.sensor == pytest.approx([SP, SP, ST], rel=0.1) and not first.sensor_rho.any()
+
+
+# ---- how sure a size is ------------------------------------------------------------------------------
+
+
+class Line:
+    """A fitter of residuals noise + J (z - truth): what there is to be said of it is known. fit() is where it costs least."""
+
+    def __init__(self, J, noise):
+        self.J, self.noise, self.truth = J, noise, np.ones(J.shape[1])
+        self.path = SimpleNamespace(present=np.ones((len(J), 1)), doubt=lambda causes: 0.0)
+
+    def vector(self, causes):
+        return np.array(causes), None, None, None
+
+    def split(self, causes, z):
+        return tuple(z)
+
+    def fit_of(self, causes):
+        left = self.noise + self.J @ (np.array(causes) - self.truth)
+        return Fit(causes, float(left @ left), left)
+
+    def jacobian(self, fit):
+        return self.J
+
+    def fit(self):
+        return self.fit_of(tuple(self.truth - np.linalg.lstsq(self.J, self.noise, rcond=None)[0]))
+
+
+def test_intervals_of_few_blocks_that_differ_hold_the_truth():
+    """A log of six blocks, of which each is as loud as chance has it: 95 % hold the truth, within three standard errors."""
+    rng, runs = np.random.default_rng(6), 1500
+    J, held = rng.normal(size=(6 * judge.SPREAD, 2)) * np.repeat(rng.uniform(0.5, 2, 6), judge.SPREAD)[:, None], 0
+    for _ in range(runs):
+        common = np.repeat(0.3 * rng.normal(size=(6, 2)), judge.SPREAD, axis=0)
+        line = Line(J, rng.normal(size=len(J)) + (J * common).sum(1))
+        low, high = judge.intervals(line, line.fit()).T
+        held += ((low < line.truth) & (line.truth < high)).sum()
+    assert held / runs / 2 > 0.95 - 3 * np.sqrt(0.95 * 0.05 / runs)
+
+
+def test_intervals_of_a_long_log_are_those_of_least_squares():
+    rng = np.random.default_rng(7)
+    line = Line(rng.normal(size=(3000, 2)), rng.normal(size=3000))
+    half = np.diff(judge.intervals(line, line.fit()))[:, 0] / 2
+    np.testing.assert_allclose(half, 1.96 * np.sqrt(np.diag(np.linalg.inv(line.J.T @ line.J))), rtol=0.25)
+
+
+def test_what_only_a_sum_tells_is_left_open():
+    """Two sizes of which the log shows the sum alone: neither is known, though a pseudoinverse says half of it each."""
+    rng = np.random.default_rng(8)
+    J = rng.normal(size=(600, 2))
+    J[:, 1] = J[:, 0]
+    line = Line(J, rng.normal(size=600))
+    assert (np.diff(judge.intervals(line, line.fit())) > 1e3).all()
+
+
+def test_limit_of_one_size_allows_for_the_other():
+    """Slopes that are alike: where the cost of one rises while the other makes up for it, as a dense covariance has it."""
+    rng = np.random.default_rng(9)
+    J = rng.normal(size=(800, 2))
+    J[:, 1] = 0.95 * J[:, 0] + 0.3 * J[:, 1]
+    line = Line(J, rng.normal(size=800))
+    fit = line.fit()
+    half = 1.96 * np.sqrt(np.linalg.inv(J.T @ J)[0, 0])
+    low, high = judge.threshold_interval(line, fit, 0)
+    assert low < fit.causes[0] - half and fit.causes[0] + half < high and high - low < 5 * half

@@ -3,9 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from . import ahead
-from .fit import Cause, Fit
+from .fit import SLOPE, Cause, Fit
 
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
@@ -18,6 +19,9 @@ UNSURE = 0.5  # most confidence where one command was held all along
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
 CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows apart, are not those of the noise that is told
 SPREAD = 50  # rows of a block that counts as one observation
+SHOWN, UNTOLD = 1e-6, 1e-12  # squares that a usual size must be worth to have a slope; share of them that is round-off
+ALONE = 0.1  # of what is told of a parameter, that other blocks tell at least: a block by itself has no residual to judge by
+FEWEST = 2.5  # blocks that must tell of a size: else noise alone is believed, as of a gust, of which the block that has it tells all
 TESTABLE = 3.0  # prices that an effect of usual size must be worth for its absence to mean anything
 
 
@@ -158,20 +162,28 @@ def verdict(fit, proved, left):
 
 
 def threshold_interval(fitter, fit, index, price=3.84):
-    """Where the cost of a parameter without a slope rises by `price`: found by steps outwards."""
-    z, ends = fitter.vector(fit.causes)[0], []
+    """Where the cost of a parameter without a slope rises by `price`, whatever the others make up for: found by steps outwards."""
+    z, ends, others = fitter.vector(fit.causes)[0], [], _others(fitter, fit, index)
+    cost = lambda trial: trial.cost - ((others.T @ trial.left) ** 2).sum()  # noqa: E731
+    most = cost(fit) + price * (1 + fitter.path.doubt(fit.causes) ** 2)
     for sign in (-1, 1):
         step, edge = 1e-3, z[index]
         while step < 8:
             moved = z.copy()
             moved[index] = z[index] * (1 + sign * step)
-            if fitter.fit_of(fitter.split(fit.causes, moved)).cost > fit.cost + price:
+            if cost(fitter.fit_of(fitter.split(fit.causes, moved))) > most:
                 break
             edge, step = moved[index], step * 2
         else:
             edge = np.inf if sign > 0 else 0.0
         ends.append(moved[index] if step < 8 else edge)
     return ends
+
+
+def _others(fitter, fit, index):
+    """Orthonormal columns (n, r): what all parameters but this one can make of the residual."""
+    J = np.delete(fitter.jacobian(fit), index, axis=1)
+    return np.linalg.qr(J[:, (J**2).sum(0) > SLOPE])[0]
 
 
 def _closes(path, noise, then, now, least, moved):
@@ -210,18 +222,41 @@ def paying(search, state, starts):
 
 
 def intervals(fitter, fit):
-    """95 % intervals (p, 2) in usual sizes, robust to noise that differs between blocks of rows."""
-    if not fit.causes:
-        return np.zeros((0, 2))
-    J = fitter.jacobian(fit)
-    rows = SPREAD * fitter.path.present.shape[1]
-    scores = np.add.reduceat(J * fit.left[:, None], np.arange(0, len(J), rows), axis=0)
-    known, spread = (J**2).sum(0) > 1e-6, np.full(J.shape[1], np.nan)
-    if known.any():
-        inverse = np.linalg.pinv(J[:, known].T @ J[:, known], rcond=1e-12)
-        meat = scores[:, known].T @ scores[:, known]
-        spread[known] = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), np.diag(inverse)))
-    return fitter.vector(fit.causes)[0][:, None] + 1.96 * spread[:, None] * np.array([-1, 1])
+    """95 % intervals (p, 2) in usual sizes: by the noise, or by how blocks of rows differ where that is more."""
+    z = fitter.vector(fit.causes)[0]
+    J, half = fitter.jacobian(fit), np.full(len(z), np.nan)
+    size = np.sqrt((J**2).sum(0))
+    shown = size**2 > SHOWN
+    if shown.any():
+        half[shown] = _halves(J[:, shown] / size[shown], fit.left, SPREAD * fitter.path.present.shape[1]) / size[shown]
+    return z[:, None] + np.hypot(1, fitter.path.doubt(fit.causes)) * half[:, None] * np.array([-1, 1])
+
+
+def _halves(J, left, rows):
+    """Half widths (p,) for slopes of length 1. What no row tells is left open: a pseudoinverse would call it certain.
+
+    Blocks are few and pull the fit towards themselves. Their scores are freed of that, and Student's t has one degree of freedom
+    less than blocks that tell of a size (Bell and McCaffrey, "Bias reduction in standard errors for linear regression with
+    multi-stage samples", Survey Methodology 28, 2002; here blocks are counted by what they tell).
+    """
+    values, vectors = np.linalg.eigh(J.T @ J)
+    R = vectors / np.sqrt(np.maximum(values, UNTOLD))  # of the whole covariance R R'
+    scores, told = _scores(J @ R, left, rows)
+    told = np.einsum("pi,bij,pj->bp", R, told, R)
+    count = told.sum(0) ** 2 / (told**2).sum(0)
+    student = np.where(count > FEWEST, stats.t.ppf(0.975, np.maximum(count - 1, 1)), 0.0)
+    return np.maximum(1.96 * np.sqrt((R**2).sum(1)), student * np.sqrt(((R @ scores.T) ** 2).sum(1)))
+
+
+def _scores(X, left, rows):
+    """Scores (blocks, p) for orthonormal columns X, each over the root of what the other blocks tell, and what each tells (blocks, p, p)."""
+    scores, told = [], []
+    for first in range(0, len(X), rows):
+        part = X[first : first + rows]
+        told.append(part.T @ part)
+        values, U = np.linalg.eigh(told[-1])
+        scores.append(U @ (U.T @ (part.T @ left[first : first + rows]) / np.sqrt(np.maximum(1 - values, ALONE))))
+    return np.array(scores), np.array(told)
 
 
 def limits(fitter, fit, i, k, at, interval):

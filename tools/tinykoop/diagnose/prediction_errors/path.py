@@ -44,6 +44,11 @@ class Path:
         return np.zeros_like(self.A)
 
     @staticmethod
+    def doubt(causes):
+        """By how much sizes of causes are off beside what noise makes them, of that: by nothing."""
+        return 0.0
+
+    @staticmethod
     def preference(name):
         """Rank of one of the names that an effect may have: none is preferred."""
         return 0

@@ -26,13 +26,13 @@ def reduced(states, state):
 
 
 def stepped(states, state):
-    """With the variant of the simulator that suits it best."""
-    best = state
+    """With the variant of the simulator that suits it best: another than the first must be worth that."""
+    best, handicap = state, lambda variant: MARGIN * (variant > 0)
     for variant in range(len(states.path.variants)):
         if variant != state.variant:
             fit = states.refined(replace(state, variant=variant), state.causes, 3)
-            if fit.cost < state.fit.cost - MARGIN:
-                best = min(best, states.likeliest(fit), key=states.worth)
+            if fit.cost + handicap(variant) < state.fit.cost + handicap(state.variant):
+                best = min(best, states.likeliest(fit), key=lambda s: states.worth(s) + handicap(s.variant))
     return best
 
 

@@ -46,6 +46,7 @@ COVERED = 2.0  # times that the longest predictions go over the log
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # of the way that a gap's states go, and of the noise of a reading: a smaller gap does not matter
 TINY = 0.05  # of its usual size: what is less may be significant, and does not matter
 CORNERS = 1.5  # likewise of a path that is cut: what still shorter steps would change at contacts looks like random motion
+LATE = 2.0  # of what noise makes of lags and delays, that they are off beside it: RMS of 44, in logs of blind/own
 STEADY = 0.02  # share that commands of one kind vary by
 
 
@@ -545,6 +546,11 @@ class Path(path.Path):
         axes = list(self.gaps[gap][1])
         way = np.sqrt((np.diff(self.robot.sense(self.X, self.at.u)[:, axes], axis=0)[self.on] ** 2).sum(1)).mean() * rows
         return max(SMALLEST * way, (CORNERS if self.cut else SMALLEST_NOISE) * np.sqrt(np.mean(noise.sensor[axes] ** 2)))
+
+    @staticmethod
+    def doubt(causes):
+        """Commands act as their mean over a row: those that come late do not quite, and what is found beside that makes up for it."""
+        return LATE if any(c.name.partition(":")[0] in ("lag", "delay") for c in causes) else 0.0
 
     preference = staticmethod(preference)
 

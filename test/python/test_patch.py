@@ -175,8 +175,8 @@ def test_a_patched_mujoco_model_has_the_parameters(tmp_path):
     mujoco = pytest.importorskip("mujoco")
     text = (OWN / "two_wheeler/two_wheeler.xml").read_text()
     effects = [
-        {"name": "parameter:chassis_mass", "params": {"change": 0.4}, "field": "body/chassis/mass"},
-        {"name": "parameter:wheel_friction", "params": {"change": -0.2}, "field": "geom/left,right/friction"},
+        {"name": "parameter:chassis_mass", "params": {"change": 0.4}, "field": "body/chassis/mass", "value": 2.0},
+        {"name": "parameter:wheel_friction", "params": {"change": -0.2}, "field": "geom/left,right/friction", "value": 0.8},
     ]
     new = mjcf.patched(text, {"effects": effects}, tmp_path / "robot.xml")
     before, after = (mujoco.MjModel.from_xml_string(model) for model in (text, new))

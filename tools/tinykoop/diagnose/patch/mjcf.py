@@ -15,12 +15,16 @@ def _element(text, kind, name, path):
     return found.span()
 
 
-def _scaled(tag, attribute, change, path):
-    """A tag with the first number of an attribute changed: what follows, as the second coefficient of friction, stays."""
+def _changed(tag, attribute, value, change):
+    """A tag with the first number of an attribute changed: what follows, as the second coefficient of friction, stays.
+
+    value: what the model has where the tag leaves it to a default.
+    """
     found = re.search(rf'\b{attribute}="\s*([-+.\deE]+)', tag)
-    if not found:
-        raise UserError(f"{path}: {tag.split()[0][1:]} has no attribute {attribute}; write its value there, so that it can be changed")
-    return f"{tag[: found.start(1)]}{float(found[1]) + change:.6g}{tag[found.end(1) :]}"
+    if found:
+        return f"{tag[: found.start(1)]}{float(found[1]) + change:.6g}{tag[found.end(1) :]}"
+    end = len(tag) - (2 if tag.endswith("/>") else 1)
+    return f'{tag[:end].rstrip()} {attribute}="{value + change:.6g}"{tag[end:]}'
 
 
 def _mass(text, name, change, path):
@@ -32,7 +36,7 @@ def _mass(text, name, change, path):
     if len(tags) != 1:
         raise UserError(f"{path}: body {name}: write its mass as <inertial mass=..> or as the mass of one geom, so that it can be changed")
     at = end + tags[0].start()
-    return text[:at] + _scaled(tags[0][0], "mass", change, path) + text[at + len(tags[0][0]) :]
+    return text[:at] + _changed(tags[0][0], "mass", 0.0, change) + text[at + len(tags[0][0]) :]
 
 
 def patched(text, report, path):
@@ -46,5 +50,5 @@ def patched(text, report, path):
                 text = _mass(text, name, effect["params"]["change"], path)
                 continue
             start, end = _element(text, kind, name, path)
-            text = text[:start] + _scaled(text[start:end], attribute, effect["params"]["change"], path) + text[end:]
+            text = text[:start] + _changed(text[start:end], attribute, effect["value"], effect["params"]["change"]) + text[end:]
     return text

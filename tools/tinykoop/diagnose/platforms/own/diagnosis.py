@@ -57,11 +57,11 @@ def _checked(robot, log, **options):
 
 
 def _add_fields(effects, robot):
-    """Where the model keeps the parameters that are wrong."""
-    fields = {f"parameter:{p.name}": p.field for p in robot.parameters}
+    """Where the model keeps the parameters that are wrong, and the value that they have there."""
+    known = {f"parameter:{p.name}": p for p in robot.parameters}
     for effect in effects:
-        if effect["name"] in fields:
-            effect["field"] = fields[effect["name"]]
+        if effect["name"] in known:
+            effect |= {"field": known[effect["name"]].field, "value": known[effect["name"]].value}
 
 
 def diagnose(log, robot, fresh=None, without=(), healthy=()):

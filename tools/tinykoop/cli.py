@@ -171,6 +171,12 @@ def parser():
     return main
 
 
+def _options(a):
+    """What a diagnosis of several logs passes on to those of each."""
+    given = [*(("--robot", a.robot) if a.robot else ()), *(("--fresh", str(a.fresh)) if a.fresh else ()), *(("--healthy", *map(str, a.healthy)) if a.healthy else ())]
+    return [*given, *(part for name in a.without for part in ("--without", name))]
+
+
 def dispatch(a):
     """Runs one subcommand; true where what was asked for does not hold."""
     if a.command == "demo":

@@ -122,18 +122,23 @@ def _mark(ax, names=True):
 
 
 def draw_paths(out, traces, reference):
-    """Driven path against the reference, one panel a dictionary."""
-    figure, axes = plots.subplots(2, 1, figsize=(10, 5), sharex=True, sharey=True)
-    figure.suptitle("Driven paths: regulated RBF keeps to the reference, vanilla RBF leaves it and stops", x=0.01, ha="left")
+    """Distance of the driven path from the reference, across it, one panel per dictionary."""
+    figure, axes = plots.subplots(1, 2, figsize=(10, 3.8), sharey=True)
+    aside = {method: scenario.across(trace["x"][: len(reference)], reference[: len(trace["x"])]) for method, trace in traces.items()}
+    regulated = max(plots.smooth(v).max() for m, v in aside.items() if m.dictionary == "rbf" and m.regulator not in ("ef", "offline"))
+    title = f"Regulated RBF stays within {100 * regulated:.0f} cm of the reference, across it; vanilla RBF leaves it"
+    figure.suptitle(title, x=0.01, ha="left")
     for name, ax in zip(("poly", "rbf"), axes):
-        ax.plot(reference[:, 0], reference[:, 1], color="0.8", lw=4, label="reference")
-        for method, trace in traces.items():
+        for method, values in aside.items():
             if method.dictionary == name:
-                ax.plot(trace["x"][:, 0], trace["x"][:, 1], lw=1, label=method.label, **plots.STYLES[method.regulator])
-        ax.set_ylabel("$p_y$ (m)")
-        ax.legend(ncols=4, loc="lower right")
-    axes[0].set_ylim(reference[:, 1].min() - 1.5, reference[:, 1].max() + 1)
-    axes[1].set_xlabel("$p_x$ (m)")
+                t = np.arange(len(values)) * scenario.DT
+                ax.semilogy(t, np.maximum(plots.smooth(values), 1e-3), lw=1.1, label=method.label, **plots.STYLES[method.regulator])
+        ax.set_title({"poly": "Poly", "rbf": "RBF"}[name], pad=16)
+        _mark(ax)
+        ax.set_xlabel("time (s)")
+        ax.legend(ncols=2)
+    axes[0].set_ylabel("distance across the reference, RMS over 2.5 s (m)")
+    axes[0].set_ylim(top=1e5)  # room for the legend
     plots.save(figure, out / "control_paths.png")
 
 

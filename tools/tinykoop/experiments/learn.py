@@ -107,22 +107,23 @@ def _phased(axes, name):
 
 
 def draw_paths(out, x, traces):
-    """(a) of the paper's figure: true and predicted path, for one method that works and the one that fails."""
-    shown = [("rbf", "offline"), ("rbf", "ef"), ("rbf", "sift")]
-    figure, axes = plots.subplots(len(shown), 1, figsize=(10, 5.5), sharex=True, sharey=True)
-    figure.suptitle("One-step predictions on the true path: offline RBF misses slip, vanilla jumps", x=0.01, ha="left")
-    for ax, key in zip(axes, shown):
-        method = scenario.Method(*key)
-        predicted = traces[method]["predicted"]
-        ax.plot(x[:, 0], x[:, 1], color="0.75", lw=3, label="true path")
-        ax.plot(predicted[:, 0], predicted[:, 1], color="k", lw=0.8, label="predicted one step ahead")
-        for k in np.arange(1, 5) * len(predicted) // 5:
-            ax.axvline(x[k, 0], color="0.5", lw=0.8, ls=(0, (2, 2)))
-        ax.set_title(f"{method.label}: mean error {np.mean(traces[method]['error']):.2g} m")
-        ax.set_ylabel("$p_y$ (m)")
-    axes[0].set_ylim(x[:, 1].min() - 1, x[:, 1].max() + 1)
-    axes[0].legend(loc="upper right", ncols=2)
-    axes[-1].set_xlabel("$p_x$ (m), dashed: the phase changes")
+    """(a) of the paper's figure, across the path: on its own scale of 320 m nothing of it would be seen."""
+    shown = [scenario.Method("rbf", regulator) for regulator in ("offline", "ef", "sift")]
+    aside = {method: plots.smooth(scenario.across(traces[method]["predicted"], x[1:])) for method in shown}
+    worst = {method.regulator: values.max() for method, values in aside.items()}
+    figure, ax = plots.subplots(figsize=(10, 3.8))
+    figure.suptitle(
+        f"One-step predictions across the path: vanilla RBF is up to {100 * worst['ef']:.1f} cm off, "
+        f"the others {100 * max(worst['offline'], worst['sift']):.1f} cm",
+        x=0.01, ha="left",
+    )  # fmt: skip
+    for method, values in aside.items():
+        ax.semilogy(np.arange(len(values)) * scenario.DT, values, lw=1.2, label=method.label, **plots.STYLES[method.regulator])
+    _phased(ax, "")
+    ax.set_ylabel("error across the path, RMS over 2.5 s (m)")
+    ax.set_xlabel("time (s)")
+    ax.legend(ncols=3, loc="upper right")
+    ax.set_ylim(top=10 * max(worst.values()))  # room for the legend
     plots.save(figure, out / "learn_paths.png")
 
 

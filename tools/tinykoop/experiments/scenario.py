@@ -153,6 +153,12 @@ def first(condition):
     return int(hits[0]) if len(hits) else None
 
 
+def across(poses, path):
+    """How far positions (K, 2 or more) lie to the left of the poses (K, 3) of a path, m."""
+    (dx, dy), heading = (poses[:, :2] - path[:, :2]).T, path[:, 2]
+    return np.cos(heading) * dy - np.sin(heading) * dx
+
+
 def mark_phases(axes, steps=STEPS, names=True):
     """Vertical lines where the paper's five phases begin, in seconds."""
     edges = np.arange(5) * steps // 5

@@ -97,12 +97,12 @@ static int SIM(guard_open)(SIM(guarded) * g, SIM(controller) * c, const tk_guard
 	if (!s) { return TK_OK; }
 	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
 	const KOOP(guard_config) config = {
-	    .least_cosine = (REAL)s->least_cosine,
-	    .least_gain = (REAL)s->least_gain,
-	    .most_gain = (REAL)s->most_gain,
-	    .most_error = (REAL)s->most_error,
-	    .most_residual = (REAL)s->most_residual,
-	    .most_tracking = (REAL)s->most_tracking,
+	    .min_cosine = (REAL)s->min_cosine,
+	    .min_gain = (REAL)s->min_gain,
+	    .max_gain = (REAL)s->max_gain,
+	    .max_error_ratio = (REAL)s->max_error_ratio,
+	    .max_residual = (REAL)s->max_residual,
+	    .max_tracking_ratio = (REAL)s->max_tracking_ratio,
 	    .patience = s->patience,
 	    .renewal = s->renewal,
 	};

@@ -284,7 +284,7 @@ typedef struct tk_control_trace {
 /* The guard's settings; zeros mean the library's defaults. */
 typedef struct tk_guard_settings {
 	const double *offline; /* Theta, N x (N+2) */
-	double least_cosine, least_gain, most_gain, most_error, most_residual, most_tracking;
+	double min_cosine, min_gain, max_gain, max_error_ratio, max_residual, max_tracking_ratio;
 	size_t patience, renewal;
 } tk_guard_settings;
 

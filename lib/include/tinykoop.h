@@ -55,7 +55,7 @@ enum {
 	KOOP_E_OVERFLOW = -6,   /* the result would not be finite in this precision */
 	KOOP_E_INDEFINITE = -7, /* the covariance, or the controller's Hessian, would not be positive definite */
 	KOOP_E_MODEL = -8,      /* a stored model is damaged or is of another kind */
-	KOOP_E_OUTLIER = -9,    /* the gate: the innovation is far beyond what is usual */
+	KOOP_E_OUTLIER = -9,    /* the gate: the innovation is far beyond its standard deviation */
 	KOOP_E_MEMORY = -10,    /* bits have flipped in what was learned, more than can be mended */
 	KOOP_E_ARITHMETIC = -11 /* the compiler's arithmetic is not that of IEEE 754: see self_test() */
 };

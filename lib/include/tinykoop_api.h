@@ -219,50 +219,50 @@ int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
 
 /* Zeros mean the defaults, in brackets. */
 typedef struct KOOP(gate_config) {
-	/* A sample is an outlier where one of its N innovations is beyond this times its usual one, >= 1 (5). */
+	/* A sample is an outlier where one of its N innovations is beyond this times its standard deviation, >= 1 (5). */
 	KOOP_REAL multiple;
-	/* No usual innovation is taken to be smaller (0). Set it where the robot comes to rest: what is usual
-	 * shrinks there, and the first samples that move it again would be refused. */
+	/* Smallest standard deviation of an innovation (0). Set it where the robot comes to rest: the innovations
+	 * shrink there, and the first samples that move it again would be refused. */
 	KOOP_REAL floor;
-	/* Outliers refused, less samples taken since, until samples are taken again (5). */
+	/* The gate reopens after this many net rejections, rejected minus accepted (5). */
 	size_t patience;
-	/* Samples until a change is believed (1000): a fault that is over by then leaves no trace. */
+	/* Samples until a change is accepted as permanent (1000): a fault that is over by then leaves no trace. */
 	size_t hold;
 } KOOP(gate_config);
 
-/* Keeps a learner from what cannot be: a spike, a stuck or lost sensor, rows that are mixed up.
+/* Protects the learner from impossible samples: a spike, a stuck or lost sensor, rows that are mixed up.
  * Outliers are refused while they are few. When they are many the learner follows them, as it
- * must if the robot has changed; but what it knew before is kept, and comes back when it
+ * must if the robot has changed; but the model from before is kept, and is restored when it
  * predicts better than what was learned since.
  *
  * Check the range of the sensors before, and lift nothing that is outside. The caller owns it
  * and its storage. To read: refused, restored. */
 typedef struct KOOP(gate) {
 	KOOP(gate_config) config;
-	KOOP(rls) saved;        /* what the learner knew */
-	KOOP_REAL *usual;       /* mean square of each innovation while all is well, N */
-	KOOP_REAL *recent;      /* mean square of each innovation lately, N */
-	KOOP_REAL *before;      /* what was usual before a change was believed, N */
-	size_t early;           /* samples until `usual` is learned */
-	size_t known;           /* samples that it is the mean of */
-	size_t refused;         /* outliers, less samples taken since */
-	size_t open;            /* samples still to be taken whatever they say */
-	size_t judged, failed;  /* samples compared; those of them that could not be learned */
-	KOOP_REAL strain;       /* sum of the learner's squared innovations over the usual ones */
-	KOOP_REAL saved_strain; /* the same, of what is saved */
-	KOOP_REAL past_strain;  /* sum of the learner's squared innovations over those of `before` */
-	size_t doubted;         /* samples since what is saved predicted as usual */
-	size_t restored;        /* how often that came back */
-	int spent;              /* it did, and nothing was saved since */
-	int changed;            /* 1: a change is believed, `before` is kept */
-	int trust;              /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE */
-	int worst;              /* likewise, of this window alone */
-	koop_checksum sum;      /* of usual, recent and before, and of what stands from `early` to here */
+	KOOP(rls) saved;              /* the learner before the outliers */
+	KOOP_REAL *variance;          /* mean square of each innovation without faults, N */
+	KOOP_REAL *recent_variance;   /* mean square of each recent innovation, N */
+	KOOP_REAL *previous_variance; /* variance before a change was accepted, N */
+	size_t warm_up;               /* samples until `variance` is learned */
+	size_t n_variance;            /* samples that it is the mean of */
+	size_t refused;               /* net rejections: outliers minus samples accepted since */
+	size_t grace;                 /* samples still to be accepted without a test */
+	size_t judged, failed;        /* samples compared; those of them that could not be learned */
+	KOOP_REAL nis;                /* normalised innovation squared of the learner, summed */
+	KOOP_REAL saved_nis;          /* the same, of the saved learner */
+	KOOP_REAL previous_nis;       /* the same, of the learner by previous_variance */
+	size_t suspect_for;           /* samples since the saved learner predicted within its variance */
+	size_t restored;              /* how often it was restored */
+	int restored_once;            /* it was, and nothing was saved since */
+	int changed;                  /* 1: a change is accepted, previous_variance is kept */
+	int trust;                    /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE */
+	int worst;                    /* likewise, of this window alone */
+	koop_checksum sum;            /* of the variances, and of what stands from `warm_up` to here */
 } KOOP(gate);
 
 /* For an estimator that is initialised, after a model is loaded. `config` may be null.
  * Storage: KOOP_GATE_REALS_SQRT or KOOP_GATE_REALS_PLAIN, or 2 N more than rls_reals() says.
- * It takes all of the first samples, from which it learns what is usual. */
+ * It accepts all of the first samples, from which it learns the variance. */
 int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                     KOOP_REAL *storage, size_t reals);
 
@@ -274,8 +274,8 @@ int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const KOOP_REAL *psi, co
 
 /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE: whether to control with what the learner knows.
  * Refuse: samples cannot be learned, P is not positive definite, or over a window of 4 d samples the mean
- * square of the innovations is above 12 times the usual one. Doubtful: that is above 5 times, there was an
- * outlier, samples are taken whatever they say, or what is usual is not known yet. KOOP_E_INPUT changes
+ * square of the innovations is above 12 times their variance. Doubtful: that is above 5 times, there was an
+ * outlier, samples are accepted without a test, or the variance is not known yet. KOOP_E_INPUT changes
  * nothing here.
  * It becomes worse at once, and better by one step at the end of each window in which nothing spoke against
  * it: from refuse to trusted within 12 d samples after the last alarm. */
@@ -378,13 +378,13 @@ typedef struct KOOP(mpc) {
 	KOOP_REAL *u_before; /* m */
 	KOOP_REAL *u_min, *u_max, *u_safe; /* m each: limits and safe input of this solve */
 	KOOP_REAL *roots;    /* lower Cholesky factors of R, S and Q */
-	KOOP_REAL *gradient, *trial, *other, *step; /* scratch: H m each */
-	KOOP_REAL *way, *bent;                      /* scratch: trial and other by other names */
+	KOOP_REAL *gradient, *trial, *trial_gradient, *step; /* scratch: H m each */
+	KOOP_REAL *direction, *hessian_direction;            /* scratch: the same as trial and trial_gradient */
 	KOOP_REAL *work;                            /* scratch */
 	KOOP_REAL *square;                          /* scratch: 4 x 4 of the factor, and 4 */
 	KOOP_REAL *generator;                       /* of the Hessian: n + m rows of H m, or n + 2 m with S */
 	KOOP_REAL *factor;                          /* packed Cholesky factor over the free inputs */
-	KOOP_REAL steepest;                         /* largest eigenvalue seen of the scaled Hessian */
+	KOOP_REAL max_eigenvalue;                   /* largest eigenvalue seen of the scaled Hessian */
 	KOOP_REAL reach;                            /* size of the inputs inside their limits */
 	KOOP_REAL noise;                            /* a residual below this can be all round-off */
 	size_t n_free;                              /* rows of the factor */

@@ -268,7 +268,7 @@ static real evaluate(KOOP(mpc) *mpc, const real *v, real *gradient) {
 /* out[a] = G' Q G of input j at step a */
 static void response_weights(KOOP(mpc) *mpc, size_t j, real *out) {
 	const size_t n = mpc->config.n_states, H = mpc->config.horizon;
-	real *weighted = mpc->other;
+	real *weighted = mpc->trial_gradient;
 	for (size_t a = 0; a < H; a++) { out[a] = 0; }
 	for (size_t i = 0; i < n; i++) {
 		const real *Q = mpc->config.Q + i * n, *G = markov_row(mpc, i, j);

@@ -18,8 +18,8 @@
 #define GATE_ALARM 12                 /* likewise: it is refused */
 #define GATE_MOST ((size_t)-1 / 2)
 
-/* What changes from sample to sample beside the mean squares: from `early` to before `sum`. */
-#define GATE_STATE offsetof(KOOP(gate), early)
+/* What changes from sample to sample beside the mean squares: from `warm_up` to before `sum`. */
+#define GATE_STATE offsetof(KOOP(gate), warm_up)
 #define GATE_STATE_WORDS ((offsetof(KOOP(gate), sum) - GATE_STATE) / 4)
 
 static COLD int gate_config_check(const KOOP(gate_config) *c) {
@@ -46,9 +46,9 @@ static size_t gate_window(const KOOP(gate) *gate) {
 
 /* As at the start, when it is not known what is usual. */
 static COLD void gate_begin(KOOP(gate) *gate) {
-	for (size_t i = 0; i < 3 * gate->saved.n_lifted; i++) { gate->usual[i] = 0; }
+	for (size_t i = 0; i < 3 * gate->saved.n_lifted; i++) { gate->variance[i] = 0; }
 	(void)memset((unsigned char *)gate + GATE_STATE, 0, GATE_STATE_WORDS * 4);
-	gate->early = gate_window(gate);
+	gate->warm_up = gate_window(gate);
 	gate->trust = gate->worst = KOOP_DOUBTFUL;
 }
 
@@ -56,7 +56,7 @@ static COLD void gate_begin(KOOP(gate) *gate) {
 
 static koop_checksum gate_sum(const KOOP(gate) *gate) {
 	koop_checksum sum = {0, 0};
-	checksum_add(&sum, gate->usual, WORDS(3 * gate->saved.n_lifted));
+	checksum_add(&sum, gate->variance, WORDS(3 * gate->saved.n_lifted));
 	checksum_add(&sum, (const unsigned char *)gate + GATE_STATE, GATE_STATE_WORDS);
 	return sum;
 }
@@ -68,7 +68,7 @@ static OUT_OF_LINE void gate_seal(KOOP(gate) *gate) {
 static COLD int gate_mend(KOOP(gate) *gate, const koop_checksum *now) {
 	const size_t words = WORDS(3 * gate->saved.n_lifted);
 	return checksum_has_flipped(&gate->sum, now) ||
-	       checksum_mend(gate->usual, words, GATE_STATE_WORDS, &gate->sum, now) ||
+	       checksum_mend(gate->variance, words, GATE_STATE_WORDS, &gate->sum, now) ||
 	       checksum_mend((unsigned char *)gate + GATE_STATE, GATE_STATE_WORDS, 0, &gate->sum, now);
 }
 
@@ -92,9 +92,9 @@ COLD int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, cons
 	gate_configure(gate, config);
 	(void)KOOP(rls_init)(&gate->saved, &rls->config, storage, needed);
 	take_over(&gate->saved, rls);
-	gate->usual = storage + needed;
-	gate->recent = gate->usual + N;
-	gate->before = gate->recent + N;
+	gate->variance = storage + needed;
+	gate->recent_variance = gate->variance + N;
+	gate->previous_variance = gate->recent_variance + N;
 	gate_begin(gate);
 	gate_seal(gate);
 	return KOOP_OK;
@@ -107,17 +107,17 @@ static real gate_at_least_floor(const KOOP(gate) *gate, real usual) {
 }
 
 static real gate_usual(const KOOP(gate) *gate, size_t i) {
-	return gate_at_least_floor(gate, gate->usual[i]);
+	return gate_at_least_floor(gate, gate->variance[i]);
 }
 
 /* The largest square that is no outlier. */
 static real gate_most(const KOOP(gate) *gate, size_t i) {
-	return gate->config.multiple * gate->config.multiple * max_of(gate_usual(gate, i), gate->recent[i]);
+	return gate->config.multiple * gate->config.multiple * max_of(gate_usual(gate, i), gate->recent_variance[i]);
 }
 
 /* Whether no innovation is an outlier; before it is known what is usual, none is. */
 static int gate_admits(const KOOP(gate) *gate, const real *error) {
-	if (gate->open > 0 || gate->known < gate_window(gate)) { return 1; }
+	if (gate->grace > 0 || gate->n_variance < gate_window(gate)) { return 1; }
 	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		if (!(error[i] * error[i] <= gate_most(gate, i))) { return 0; }
 	}
@@ -126,9 +126,9 @@ static int gate_admits(const KOOP(gate) *gate, const real *error) {
 
 /* The mean squares with one more sample: plain means at first, then those of GATE_MEMORY samples. */
 static void gate_learn_usual(KOOP(gate) *gate, const real *error) {
-	gate->known += gate->known < GATE_MEMORY;
+	gate->n_variance += gate->n_variance < GATE_MEMORY;
 	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
-		gate->usual[i] += (error[i] * error[i] - gate->usual[i]) / (real)gate->known;
+		gate->variance[i] += (error[i] * error[i] - gate->variance[i]) / (real)gate->n_variance;
 	}
 }
 
@@ -138,18 +138,18 @@ static void gate_learn_recent(KOOP(gate) *gate, const real *error) {
 	for (size_t i = 0; i < gate->saved.n_lifted; i++) {
 		const real square = error[i] * error[i], most = gate_most(gate, i);
 		const real seen = square < most ? square : max_of(most, REAL_EPSILON * square);
-		gate->recent[i] += (seen - gate->recent[i]) / (real)window;
+		gate->recent_variance[i] += (seen - gate->recent_variance[i]) / (real)window;
 	}
 }
 
 static void gate_count_taken(KOOP(gate) *gate, const real *error) {
 	gate_learn_recent(gate, error);
-	if (gate->open > 0) {
-		gate->open--;
-	} else if (gate->early > 0) {
-		gate->early--;
+	if (gate->grace > 0) {
+		gate->grace--;
+	} else if (gate->warm_up > 0) {
+		gate->warm_up--;
 	} else {
-		if (gate->doubted == 0) { gate_learn_usual(gate, error); }
+		if (gate->suspect_for == 0) { gate_learn_usual(gate, error); }
 		gate->refused -= gate->refused > 0;
 	}
 }
@@ -157,7 +157,7 @@ static void gate_count_taken(KOOP(gate) *gate, const real *error) {
 OUT_OF_LINE static void gate_count(KOOP(gate) *gate, const real *error, int status) {
 	if (status == KOOP_OK) { gate_count_taken(gate, error); }
 	if (status == KOOP_E_OUTLIER && ++gate->refused >= gate->config.patience) {
-		gate->open = gate_window(gate);
+		gate->grace = gate_window(gate);
 	}
 }
 
@@ -181,16 +181,16 @@ static int gate_is_consistent(const KOOP(gate) *gate, real strain) {
 /* What is usual is learned anew, as after a change. What it was stays known: the change may be a fault that
  * ends. */
 static COLD void gate_begin_usual(KOOP(gate) *gate) {
-	if (!gate->changed) { copy(gate->before, gate->usual, gate->saved.n_lifted); }
+	if (!gate->changed) { copy(gate->previous_variance, gate->variance, gate->saved.n_lifted); }
 	gate->changed = 1;
-	gate->known = gate_window(gate);
+	gate->n_variance = gate_window(gate);
 }
 
 /* What was usual before the change is so again, where the learner has predicted by that over a window. */
 static COLD void gate_recall_usual(KOOP(gate) *gate) {
-	if (gate->changed && gate_is_consistent(gate, gate->past_strain)) {
-		copy(gate->usual, gate->before, gate->saved.n_lifted);
-		copy(gate->recent, gate->before, gate->saved.n_lifted);
+	if (gate->changed && gate_is_consistent(gate, gate->previous_nis)) {
+		copy(gate->variance, gate->previous_variance, gate->saved.n_lifted);
+		copy(gate->recent_variance, gate->previous_variance, gate->saved.n_lifted);
 		gate->changed = 0;
 	}
 }
@@ -198,13 +198,13 @@ static COLD void gate_recall_usual(KOOP(gate) *gate) {
 /* Whether what is saved may be replaced by what the learner knows now: it predicts as usual, so no fault is
  * at work, or has not for so long that the robot must have changed. */
 static COLD int gate_believes(KOOP(gate) *gate) {
-	if (gate->known <= gate_window(gate) || gate_is_consistent(gate, gate->saved_strain)) {
-		gate->doubted = 0;
+	if (gate->n_variance <= gate_window(gate) || gate_is_consistent(gate, gate->saved_nis)) {
+		gate->suspect_for = 0;
 		return 1;
 	}
-	gate->doubted += gate->judged;
-	if (gate->doubted < gate->config.hold) { return 0; }
-	gate->doubted = 0;
+	gate->suspect_for += gate->judged;
+	if (gate->suspect_for < gate->config.hold) { return 0; }
+	gate->suspect_for = 0;
 	gate_begin_usual(gate);
 	return 1;
 }
@@ -212,20 +212,20 @@ static COLD int gate_believes(KOOP(gate) *gate) {
 /* What is saved comes back: all of it, but P only once, as it may be P that leads astray, and begun anew
  * where nothing could be learned at all. */
 static COLD void gate_restore(KOOP(gate) *gate, KOOP(rls) *rls, int lost) {
-	if (gate->spent) {
+	if (gate->restored_once) {
 		(void)KOOP(rls_copy_theta)(rls, gate->saved.theta);
 	} else {
 		take_over(rls, &gate->saved);
 	}
 	if (lost) { (void)KOOP(rls_reset_covariance)(rls, rls->config.p0); }
-	gate->spent = 1;
+	gate->restored_once = 1;
 	gate->restored++;
 }
 
 /* Whether what is saved has done better, and the learner worse than usual or through what may be a fault. */
 static COLD int gate_regrets(const KOOP(gate) *gate) {
-	const int suspect = gate->doubted > 0 || !gate_is_consistent(gate, gate->strain);
-	return suspect && (gate->spent ? GATE_BETTER_AGAIN : GATE_BETTER) * gate->saved_strain < gate->strain;
+	const int suspect = gate->suspect_for > 0 || !gate_is_consistent(gate, gate->nis);
+	return suspect && (gate->restored_once ? GATE_BETTER_AGAIN : GATE_BETTER) * gate->saved_nis < gate->nis;
 }
 
 /* ---- Whether the model is to be trusted -------------------------------------------- */
@@ -234,8 +234,8 @@ static COLD int gate_regrets(const KOOP(gate) *gate) {
 static int gate_event(const KOOP(gate) *gate, const KOOP(rls) *rls, int status) {
 	const size_t window = gate_window(gate);
 	if (status != KOOP_OK && status != KOOP_E_OUTLIER) { return KOOP_REFUSE; }
-	if (!rls->positive_definite || gate->strain > GATE_ALARM * (real)window) { return KOOP_REFUSE; }
-	return status == KOOP_OK && gate->open == 0 && gate->known > window ? KOOP_TRUSTED : KOOP_DOUBTFUL;
+	if (!rls->positive_definite || gate->nis > GATE_ALARM * (real)window) { return KOOP_REFUSE; }
+	return status == KOOP_OK && gate->grace == 0 && gate->n_variance > window ? KOOP_TRUSTED : KOOP_DOUBTFUL;
 }
 
 /* At once for the worse. */
@@ -247,7 +247,7 @@ static void gate_watch(KOOP(gate) *gate, const KOOP(rls) *rls, int status) {
 
 /* For the better by one step at the end of a window in which nothing spoke against it. */
 static COLD void gate_settle(KOOP(gate) *gate) {
-	const int doubtful = gate->strain > GATE_DOUBT * (real)gate->judged;
+	const int doubtful = gate->nis > GATE_DOUBT * (real)gate->judged;
 	if (doubtful && gate->worst == KOOP_TRUSTED) { gate->worst = KOOP_DOUBTFUL; }
 	gate->trust = gate->worst < gate->trust ? gate->trust - 1 : gate->worst;
 	gate->worst = KOOP_TRUSTED;
@@ -262,20 +262,20 @@ static COLD void gate_decide(KOOP(gate) *gate, KOOP(rls) *rls) {
 		gate_restore(gate, rls, lost);
 	} else if (believes) {
 		take_over(&gate->saved, rls);
-		gate->spent = 0;
+		gate->restored_once = 0;
 	}
 	gate_settle(gate);
 	gate->judged = gate->failed = 0;
-	gate->strain = gate->saved_strain = gate->past_strain = 0;
+	gate->nis = gate->saved_nis = gate->previous_nis = 0;
 }
 
 OUT_OF_LINE static void gate_compare(KOOP(gate) *gate, KOOP(rls) *rls, int status, const real *psi_next) {
 	real *error = gate->saved.error;
 	weighted_rows(error, gate->saved.theta, rls->zeta, rls->n_regressors, rls->n_lifted_padded);
 	(void)subtract_from(error, psi_next, rls->n_lifted);
-	gate->strain += gate_strain(gate, rls->error, gate->usual);
-	gate->saved_strain += gate_strain(gate, error, gate->usual);
-	if (gate->changed) { gate->past_strain += gate_strain(gate, rls->error, gate->before); }
+	gate->nis += gate_strain(gate, rls->error, gate->variance);
+	gate->saved_nis += gate_strain(gate, error, gate->variance);
+	if (gate->changed) { gate->previous_nis += gate_strain(gate, rls->error, gate->previous_variance); }
 	gate->failed += status != KOOP_OK && status != KOOP_E_OUTLIER;
 	gate_watch(gate, rls, status);
 	if (++gate->judged == gate_window(gate)) { gate_decide(gate, rls); }
@@ -311,7 +311,7 @@ static OUT_OF_LINE int gate_secure(KOOP(gate) *gate, KOOP(rls) *rls) {
 /* ---- Public ------------------------------------------------------------------- */
 
 static int gate_check(const KOOP(gate) *g, const KOOP(rls) *rls) {
-	if (!g || !g->usual || !rls || !rls->theta) { return KOOP_E_NULL; }
+	if (!g || !g->variance || !rls || !rls->theta) { return KOOP_E_NULL; }
 	return same_kind(&g->saved, rls) ? KOOP_OK : KOOP_E_SIZE;
 }
 
@@ -335,5 +335,5 @@ int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const real *psi, const r
 }
 
 int KOOP(gate_trust)(const KOOP(gate) *gate) {
-	return gate && gate->usual ? gate->trust : KOOP_E_NULL;
+	return gate && gate->variance ? gate->trust : KOOP_E_NULL;
 }

@@ -72,7 +72,7 @@ static void judge_sample(KOOP(guard) *g, const real *seen) {
 }
 
 static int predicts_well(const KOOP(guard) *g) {
-	return g->error[ONLINE] <= g->config.most_error * g->config.most_error * g->error[OFFLINE];
+	return g->error[ONLINE] <= g->config.max_error_ratio * g->config.max_error_ratio * g->error[OFFLINE];
 }
 
 /* Response of the model planned on last, of each state to each input over the
@@ -94,7 +94,7 @@ static void compare_response(KOOP(guard) *g, const KOOP(mpc) *mpc) {
  * direction and size, all states together in size. */
 static int answers_alike(const KOOP(guard) *g, size_t j) {
 	const KOOP(guard_config) *c = &g->config;
-	const real least = c->least_gain * c->least_gain, most = c->most_gain * c->most_gain;
+	const real least = c->min_gain * c->min_gain, most = c->max_gain * c->max_gain;
 	real sum = 0;
 	for (size_t i = 0; i < g->n_states; i++) {
 		const size_t p = i * g->n_inputs + j;
@@ -103,7 +103,7 @@ static int answers_alike(const KOOP(guard) *g, size_t j) {
 		if (!(own > 0)) { continue; }
 		/* written so that NaN fails */
 		if (!(square >= least * own && square <= most * own)) { return 0; }
-		if (!(g->along[p] >= c->least_cosine * MATH(sqrt)(square) * MATH(sqrt)(own))) { return 0; }
+		if (!(g->along[p] >= c->min_cosine * MATH(sqrt)(square) * MATH(sqrt)(own))) { return 0; }
 	}
 	return sum <= most * g->size[j];
 }
@@ -117,7 +117,7 @@ static int is_astray(KOOP(guard) *g, const real *psi) {
 	}
 	if (!is_finite(square)) { return 0; }
 	if (!(g->tracking > 0)) { g->tracking = square; }
-	const int astray = square > g->config.most_tracking * g->config.most_tracking * g->tracking;
+	const int astray = square > g->config.max_tracking_ratio * g->config.max_tracking_ratio * g->tracking;
 	g->tracking += (square - g->tracking) / GUARD_TRACKING_STEPS;
 	return astray;
 }
@@ -177,7 +177,7 @@ static real residual_allowed(const KOOP(guard) *g, const KOOP(mpc) *mpc) {
 	const real solved = mpc->noise + mpc->config.tolerance;
 	real allowed = (real)INFINITY;
 	for (size_t j = 0; j < g->n_inputs; j++) {
-		const real range = mpc->u_max[j] - mpc->u_min[j], part = g->config.most_residual * range;
+		const real range = mpc->u_max[j] - mpc->u_min[j], part = g->config.max_residual * range;
 		if (range > GUARD_FIXED * solved && part < allowed) { allowed = part; }
 	}
 	return allowed;
@@ -257,8 +257,8 @@ static real or_default(real value, real otherwise) {
 }
 
 static int guard_config_check(const KOOP(guard_config) *c) {
-	const real values[] = {c->least_cosine, c->least_gain,    c->most_gain,
-	                       c->most_error,   c->most_residual, c->most_tracking};
+	const real values[] = {c->min_cosine, c->min_gain,    c->max_gain,
+	                       c->max_error_ratio,   c->max_residual, c->max_tracking_ratio};
 	for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
 		if (!(values[i] >= 0 && is_finite(values[i]))) { return KOOP_E_RANGE; }
 	}
@@ -266,12 +266,12 @@ static int guard_config_check(const KOOP(guard_config) *c) {
 }
 
 static void set_config(KOOP(guard) *g, const KOOP(guard_config) *c) {
-	g->config.least_cosine = or_default(c->least_cosine, (real)0.7);
-	g->config.least_gain = or_default(c->least_gain, (real)0.2);
-	g->config.most_gain = or_default(c->most_gain, 3);
-	g->config.most_error = or_default(c->most_error, 4);
-	g->config.most_residual = or_default(c->most_residual, (real)0.01);
-	g->config.most_tracking = or_default(c->most_tracking, 3);
+	g->config.min_cosine = or_default(c->min_cosine, (real)0.7);
+	g->config.min_gain = or_default(c->min_gain, (real)0.2);
+	g->config.max_gain = or_default(c->max_gain, 3);
+	g->config.max_error_ratio = or_default(c->max_error_ratio, 4);
+	g->config.max_residual = or_default(c->max_residual, (real)0.01);
+	g->config.max_tracking_ratio = or_default(c->max_tracking_ratio, 3);
 	g->config.patience = c->patience ? c->patience : 15;
 	g->config.renewal = c->renewal ? c->renewal : 100;
 	g->config.gate = c->gate;

@@ -67,7 +67,7 @@ static void estimate_noise(KOOP(mpc) *mpc) {
 static int take_limits(KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs;
-	real *low = mpc->trial, *high = mpc->other, *safe = mpc->step;
+	real *low = mpc->trial, *high = mpc->trial_gradient, *safe = mpc->step;
 	copy(low, c->u_min, m);
 	copy(high, c->u_max, m);
 	copy(safe, c->u_safe, m);

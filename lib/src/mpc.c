@@ -58,7 +58,7 @@ static real free_residual(const KOOP(mpc) *mpc, const real *gradient) {
 static real rise(const KOOP(mpc) *mpc) {
 	real sum = 0;
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
-		sum += (mpc->trial[q] - mpc->plan[q]) * (mpc->gradient[q] + mpc->other[q]);
+		sum += (mpc->trial[q] - mpc->plan[q]) * (mpc->gradient[q] + mpc->trial_gradient[q]);
 	}
 	return sum;
 }
@@ -113,7 +113,7 @@ OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
 	for (;;) {
 		for (size_t q = 0; q < V; q++) { mpc->trial[q] = mpc->plan[q] - length * mpc->step[q]; }
 		clip_all(mpc, mpc->trial);
-		const real residual = evaluate(mpc, mpc->trial, mpc->other);
+		const real residual = evaluate(mpc, mpc->trial, mpc->trial_gradient);
 		if (length <= least || rise(mpc) < 0) { return residual; }
 		length = length > MPC_SHORTEST ? max_of(length / 4, least) : least;
 	}
@@ -123,7 +123,7 @@ OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
  * changes little from one to the next. */
 static void review_factor(KOOP(mpc) *mpc, int downhill) {
 	if (mpc->fresh) { return; }
-	const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->other);
+	const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->trial_gradient);
 	const real rho = after / before;
 	if (!(downhill && after * rho * rho <= mpc->config.tolerance)) { mpc->factored = 0; }
 }
@@ -144,7 +144,7 @@ static int take_step(KOOP(mpc) *mpc, KOOP(mpc_result) *result, real residual, in
 		if (!*goes_on) { return KOOP_OK; }
 	}
 	copy(mpc->plan, mpc->trial, V);
-	copy(mpc->gradient, mpc->other, V);
+	copy(mpc->gradient, mpc->trial_gradient, V);
 	result->residual = residual;
 	return KOOP_OK;
 }
@@ -161,7 +161,7 @@ static void correct(KOOP(mpc) *mpc, real residual) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	real farthest = 0;
 	for (size_t q = 0; q < V; q++) { farthest = max_of(farthest, MATH(fabs)(mpc->trial[q] - mpc->plan[q])); }
-	if (farthest < mpc->noise || evaluate(mpc, mpc->trial, mpc->other) < residual) {
+	if (farthest < mpc->noise || evaluate(mpc, mpc->trial, mpc->trial_gradient) < residual) {
 		copy(mpc->plan, mpc->trial, V);
 	}
 }
@@ -180,7 +180,7 @@ static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int
 		*goes_on = 0;
 		return KOOP_OK;
 	}
-	const real residual = evaluate(mpc, mpc->trial, mpc->other);
+	const real residual = evaluate(mpc, mpc->trial, mpc->trial_gradient);
 	const int downhill = leads_down(mpc, result->residual, residual, again);
 	*whole &= downhill;
 	review_factor(mpc, downhill);
@@ -246,7 +246,7 @@ COLD int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 		mpc->plan[q] = mpc->u_safe[q % m];
 		mpc->set[q] = FREE;
 	}
-	mpc->steepest = 1;
+	mpc->max_eigenvalue = 1;
 	mpc->n_free = 0;
 	mpc->factored = 0;
 	mpc->planned = 0;
@@ -265,8 +265,8 @@ static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
 	mpc->plan = mpc->inverse + inputs;
 	mpc->gradient = mpc->plan + inputs;
 	mpc->trial = mpc->gradient + inputs;
-	mpc->other = mpc->trial + inputs;
-	mpc->step = mpc->other + inputs;
+	mpc->trial_gradient = mpc->trial + inputs;
+	mpc->step = mpc->trial_gradient + inputs;
 	mpc->set = (signed char *)(mpc->step + inputs);
 	mpc->u_before = mpc->step + inputs + inputs / 4;
 	mpc->u_min = mpc->u_before + m;
@@ -274,8 +274,8 @@ static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
 	mpc->u_safe = mpc->u_max + m;
 	mpc->roots = mpc->u_safe + m;
 	mpc->work = mpc->roots + 2 * m * m + n * n;
-	mpc->way = mpc->trial;
-	mpc->bent = mpc->other;
+	mpc->direction = mpc->trial;
+	mpc->hessian_direction = mpc->trial_gradient;
 	mpc->square = mpc->generator = mpc->factor = NULL;
 	if (c->method == KOOP_MPC_NEWTON) {
 		mpc->square = mpc->work + KOOP_MPC_WORK(c->n_lifted, n, m, H);

@@ -20,14 +20,14 @@ static int begin_way(KOOP(mpc) *mpc) {
 	real promise[2] = {0, 0};
 	int at_bound;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
-		const real g = way_down(mpc, q, j, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->steepest;
+		const real g = way_down(mpc, q, j, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->max_eigenvalue;
 		const real room = g > 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		promise[at_bound] += MATH(fabs)(g) * (step < room ? step : room);
 	}
 	const int leave = promise[1] > promise[0];
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
 		const real g = way_down(mpc, q, j, &at_bound);
-		mpc->way[q] = at_bound == leave ? -g * mpc->inverse[q] : 0;
+		mpc->direction[q] = at_bound == leave ? -g * mpc->inverse[q] : 0;
 	}
 	return leave;
 }
@@ -41,11 +41,11 @@ static int continue_way(KOOP(mpc) *mpc, real curvature) {
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
 		const real g = way_down(mpc, q, j, &at_bound), scaled_g = g * mpc->inverse[q];
 		promise[at_bound] += g * scaled_g;
-		turn += at_bound ? 0 : scaled_g * mpc->bent[q];
+		turn += at_bound ? 0 : scaled_g * mpc->hessian_direction[q];
 	}
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
 		const real g = way_down(mpc, q, j, &at_bound);
-		mpc->way[q] = at_bound ? 0 : turn / curvature * mpc->way[q] - g * mpc->inverse[q];
+		mpc->direction[q] = at_bound ? 0 : turn / curvature * mpc->direction[q] - g * mpc->inverse[q];
 	}
 	return promise[0] >= promise[1];
 }
@@ -56,7 +56,7 @@ static real room_along(const KOOP(mpc) *mpc) {
 	const size_t m = c->n_inputs;
 	real length = REAL_MAX;
 	for (size_t q = 0, j = 0; q < c->horizon * m; q++, j = next_input(j, m)) {
-		const real way = mpc->way[q], speed = MATH(fabs)(way);
+		const real way = mpc->direction[q], speed = MATH(fabs)(way);
 		const real room = way < 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		if (room < speed * length) { length = room / speed * (1 + 4 * REAL_EPSILON); }
 	}
@@ -69,7 +69,7 @@ static void project_gradient(KOOP(mpc) *mpc) {
 	int at_bound;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
 		const real g = way_down(mpc, q, j, &at_bound);
-		mpc->plan[q] -= at_bound ? 0 : g * mpc->inverse[q] / mpc->steepest;
+		mpc->plan[q] -= at_bound ? 0 : g * mpc->inverse[q] / mpc->max_eigenvalue;
 	}
 	clip_all(mpc, mpc->plan);
 }
@@ -79,10 +79,10 @@ static void project_gradient(KOOP(mpc) *mpc) {
 static real bend(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	real square = 0;
-	multiply_hessian(mpc, mpc->way, mpc->bent);
-	for (size_t q = 0; q < V; q++) { square += mpc->way[q] * mpc->way[q] / mpc->inverse[q]; }
-	const real curvature = dot(mpc->way, mpc->bent, V);
-	mpc->steepest = max_of(curvature / square, mpc->steepest);
+	multiply_hessian(mpc, mpc->direction, mpc->hessian_direction);
+	for (size_t q = 0; q < V; q++) { square += mpc->direction[q] * mpc->direction[q] / mpc->inverse[q]; }
+	const real curvature = dot(mpc->direction, mpc->hessian_direction, V);
+	mpc->max_eigenvalue = max_of(curvature / square, mpc->max_eigenvalue);
 	return curvature;
 }
 
@@ -91,10 +91,10 @@ static void go_along(KOOP(mpc) *mpc, int leaving, real *curvature, int *goes_on)
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	const real bends = bend(mpc), room = room_along(mpc);
 	/* where it bends down, by round-off or by the weights, the best is at the bound */
-	const real wanted = bends < 0 ? (real)INFINITY : -dot(mpc->way, mpc->gradient, V) / bends;
+	const real wanted = bends < 0 ? (real)INFINITY : -dot(mpc->direction, mpc->gradient, V) / bends;
 	const real length = wanted < room ? wanted : room;
-	add_scaled(mpc->plan, length, mpc->way, V);
-	add_scaled(mpc->gradient, length, mpc->bent, V);
+	add_scaled(mpc->plan, length, mpc->direction, V);
+	add_scaled(mpc->gradient, length, mpc->hessian_direction, V);
 	clip_all(mpc, mpc->plan);
 	if (wanted > room && !leaving) { project_gradient(mpc); }
 	*goes_on = wanted <= room && !leaving;

@@ -142,9 +142,9 @@ static void check_gate_mends(void *at, size_t bytes) {
 }
 
 static void test_any_bit_of_what_the_gate_knows_is_mended(void) {
-	const size_t from = offsetof(KOOP(gate), early);
+	const size_t from = offsetof(KOOP(gate), warm_up);
 	start_gate();
-	check_gate_mends(g.gate.usual, 3 * N * sizeof(real));
+	check_gate_mends(g.gate.variance, 3 * N * sizeof(real));
 	check_gate_mends((unsigned char *)&g.gate + from, sizeof g.gate - from); /* and of the sums */
 }
 

@@ -112,7 +112,7 @@ static void test_outlier_leaves_no_trace(void) {
 			learned_take(&before, &e);
 			const int status = gated(zeta, psi_next, &health);
 			CHECK(status == KOOP_E_OUTLIER, "%s: %d, usual %g", estimator_name(&e), status,
-			      sqrt((double)gate.usual[position]));
+			      sqrt((double)gate.variance[position]));
 			check_unchanged(&before, "after an outlier");
 			const double innovation = (double)health.innovation;
 			CHECK(innovation > 20 * NOISE && innovation < 40 * NOISE, "%g", innovation);
@@ -293,15 +293,15 @@ static void test_more_noise_for_good(void) {
 	const int at_first = drive(1, 100 * NOISE, 10 * WINDOW), refused = drive(1, 100 * NOISE, 5000);
 	CHECK(at_first <= 3 * PATIENCE, "%d refused at first", at_first);
 	CHECK(refused < 5, "%d of 5000 refused", refused);
-	CHECK(fabs((double)gate.usual[0] / pow(100 * NOISE, 2) - 1.0 / 3) < 0.1, "usual %g",
-	      (double)gate.usual[0]);
+	CHECK(fabs((double)gate.variance[0] / pow(100 * NOISE, 2) - 1.0 / 3) < 0.1, "usual %g",
+	      (double)gate.variance[0]);
 }
 
 static void test_grows_from_nothing(void) {
 	static const real zeta[D] = {0}, psi_next[N] = {0};
 	start(&KOOP(reg_none), &KOOP(form_plain), NULL);
 	for (int k = 0; k < 5000; k++) { CHECK_STATUS(KOOP_OK, gated(zeta, psi_next, NULL)); }
-	for (int i = 0; i < N; i++) { TEST_ASSERT_TRUE(!(gate.usual[i] > 0)); }
+	for (int i = 0; i < N; i++) { TEST_ASSERT_TRUE(!(gate.variance[i] > 0)); }
 	drive(1, NOISE, 3 * HOLD);
 	TEST_ASSERT_EQUAL_INT(0, drive(1, NOISE, 1000));
 	CHECK(error_on(1) < NOISE, "%g", error_on(1));
@@ -310,9 +310,9 @@ static void test_grows_from_nothing(void) {
 static void test_usual_follows(void) {
 	start(&KOOP(reg_none), &KOOP(form_sqrt), NULL);
 	drive(1, NOISE, 20000);
-	const double before = (double)gate.usual[0];
+	const double before = (double)gate.variance[0];
 	drive(1, 1.2 * NOISE, 10000); /* two memories: most of the way from 1 to 1.44 */
-	const double grown = (double)gate.usual[0] / before;
+	const double grown = (double)gate.variance[0] / before;
 	CHECK(grown > 1.3 && grown < 1.45, "%g", grown);
 	TEST_ASSERT_EQUAL_size_t(0, gate.restored);
 }
@@ -364,7 +364,7 @@ static void test_overflow_that_keeps_coming_back(void) {
 		}
 	}
 	CHECK(error_on(1) < NOISE, "%g", error_on(1));
-	for (int i = 0; i < N; i++) { CHECK((double)gate.usual[i] < NOISE * NOISE, "%g", (double)gate.usual[i]); }
+	for (int i = 0; i < N; i++) { CHECK((double)gate.variance[i] < NOISE * NOISE, "%g", (double)gate.variance[i]); }
 }
 
 /* Nothing is known yet, and nothing can be learned for long: it learns all the same once it can. */
@@ -422,9 +422,9 @@ static void test_wild_samples(void) {
 			}
 			const int status = gated(sample, sample + D, NULL);
 			CHECK(status <= KOOP_OK && status != KOOP_E_NULL, "%d", status);
-			CHECK(isfinite(gate.strain) && isfinite(gate.saved_strain), "strain");
+			CHECK(isfinite(gate.nis) && isfinite(gate.saved_nis), "strain");
 		}
-		for (int i = 0; i < N; i++) { CHECK(isfinite(gate.usual[i]) && isfinite(gate.recent[i]), "usual"); }
+		for (int i = 0; i < N; i++) { CHECK(isfinite(gate.variance[i]) && isfinite(gate.recent_variance[i]), "usual"); }
 		learned now;
 		learned_take(&now, &e);
 		for (int i = 0; i < N * D; i++) { CHECK(isfinite(now.theta[i]), "%s", estimator_name(&e)); }
@@ -591,7 +591,7 @@ static void spike(double size) {
 
 static void test_trust_begins_in_doubt_and_comes_with_what_is_usual(void) {
 	TEST_ASSERT_EQUAL_INT(KOOP_E_NULL, KOOP(gate_trust)(NULL));
-	TEST_ASSERT_EQUAL_INT(KOOP_E_NULL, KOOP(gate_trust)(&(KOOP(gate)){.usual = NULL}));
+	TEST_ASSERT_EQUAL_INT(KOOP_E_NULL, KOOP(gate_trust)(&(KOOP(gate)){.variance = NULL}));
 	start(&KOOP(reg_ef), &KOOP(form_sqrt), NULL);
 	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, trust());
 	drive(1, NOISE, 2 * WINDOW);
@@ -701,11 +701,11 @@ static void test_saved_model_beyond_mending_is_saved_anew(void) {
 static void test_what_is_usual_is_mended_or_learned_anew(void) {
 	for (int bits = 1; bits <= 2; bits++) {
 		start_with_checksum();
-		const real kept = gate.usual[2];
-		((unsigned char *)&gate.usual[2])[sizeof(real) - 1] ^= 0x10;
-		if (bits == 2) { ((unsigned char *)&gate.usual[1])[0] ^= 0x03; }
+		const real kept = gate.variance[2];
+		((unsigned char *)&gate.variance[2])[sizeof(real) - 1] ^= 0x10;
+		if (bits == 2) { ((unsigned char *)&gate.variance[1])[0] ^= 0x03; }
 		drive(1, NOISE, 1);
-		TEST_ASSERT_TRUE(bits == 2 ? gate.known == 0 : fabs((double)(gate.usual[2] / kept - 1)) < 0.1);
+		TEST_ASSERT_TRUE(bits == 2 ? gate.n_variance == 0 : fabs((double)(gate.variance[2] / kept - 1)) < 0.1);
 		drive(1, NOISE, 200);
 		TEST_ASSERT_TRUE(spike_is_refused(50 * NOISE));
 	}

@@ -23,13 +23,13 @@ typedef struct {
 	estimator judge; /* predicts with what was saved */
 	size_t N, window, patience, hold;
 	wide multiple, floor;
-	wide usual[MOST_N], recent[MOST_N], before[MOST_N]; /* mean squares */
-	size_t first;                                       /* samples taken before any is counted as usual */
-	size_t known, refused, open, doubted, restored;
-	int spent, changed, trust;
+	wide variance[MOST_N], recent_variance[MOST_N], previous_variance[MOST_N]; /* mean squares */
+	size_t first; /* samples accepted before any counts in the variance */
+	size_t n_variance, refused, grace, suspect_for, restored;
+	int restored_once, changed, trust;
 	/* of this window */
 	size_t judged, failed;
-	wide strain, kept_strain, past_strain;
+	wide nis, kept_nis, previous_nis;
 	int worst;
 	size_t mended[2]; /* flipped bits of the learner, and of what is saved */
 	int close;        /* a decision hung on less than rounding: from here on the two may differ */
@@ -50,11 +50,11 @@ static void rules_save(rules *t) {
 
 /* What is known of the samples: nothing. */
 static void rules_begin(rules *t) {
-	for (size_t i = 0; i < MOST_N; i++) { t->usual[i] = t->recent[i] = t->before[i] = 0; }
+	for (size_t i = 0; i < MOST_N; i++) { t->variance[i] = t->recent_variance[i] = t->previous_variance[i] = 0; }
 	t->first = t->window;
-	t->known = t->refused = t->open = t->doubted = t->restored = t->judged = t->failed = 0;
-	t->strain = t->kept_strain = t->past_strain = 0;
-	t->spent = t->changed = 0;
+	t->n_variance = t->refused = t->grace = t->suspect_for = t->restored = t->judged = t->failed = 0;
+	t->nis = t->kept_nis = t->previous_nis = 0;
+	t->restored_once = t->changed = 0;
 	t->trust = t->worst = KOOP_DOUBTFUL;
 }
 
@@ -84,12 +84,12 @@ static wide largest(wide a, wide b) {
 
 /* The largest square of innovation i that is no outlier. */
 static wide limit(const rules *t, size_t i) {
-	return t->multiple * t->multiple * largest(largest(t->usual[i], t->floor * t->floor), t->recent[i]);
+	return t->multiple * t->multiple * largest(largest(t->variance[i], t->floor * t->floor), t->recent_variance[i]);
 }
 
 static int is_outlier(rules *t, const wide *square) {
 	int found = 0;
-	if (t->open > 0 || t->known < t->window) { return 0; }
+	if (t->grace > 0 || t->n_variance < t->window) { return 0; }
 	for (size_t i = 0; i < t->N; i++) { found = found || above(t, square[i], limit(t, i)); }
 	return found;
 }
@@ -123,10 +123,10 @@ static void count_taken(rules *t, const wide *square) {
 	for (size_t i = 0; i < t->N; i++) {
 		const wide most = largest(limit(t, i), (wide)REAL_EPSILON * square[i]);
 		const wide seen = square[i] > most ? most : square[i];
-		t->recent[i] = t->recent[i] * (wide)(t->window - 1) / (wide)t->window + seen / (wide)t->window;
+		t->recent_variance[i] = t->recent_variance[i] * (wide)(t->window - 1) / (wide)t->window + seen / (wide)t->window;
 	}
-	if (t->open > 0) {
-		t->open--;
+	if (t->grace > 0) {
+		t->grace--;
 		return;
 	}
 	if (t->first > 0) {
@@ -134,21 +134,21 @@ static void count_taken(rules *t, const wide *square) {
 		return;
 	}
 	if (t->refused > 0) { t->refused--; }
-	if (t->doubted > 0) { return; }
-	if (t->known < MEMORY) { t->known++; }
+	if (t->suspect_for > 0) { return; }
+	if (t->n_variance < MEMORY) { t->n_variance++; }
 	for (size_t i = 0; i < t->N; i++) {
-		t->usual[i] = t->usual[i] * (wide)(t->known - 1) / (wide)t->known + square[i] / (wide)t->known;
+		t->variance[i] = t->variance[i] * (wide)(t->n_variance - 1) / (wide)t->n_variance + square[i] / (wide)t->n_variance;
 	}
 }
 
 static void bring_back(rules *t, int lost) {
-	if (t->spent) {
+	if (t->restored_once) {
 		CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&t->learner.rls, t->judge.rls.theta));
 	} else {
 		t->learner = t->kept;
 	}
 	if (lost) { CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&t->learner.rls, t->learner.config.p0)); }
-	t->spent = 1;
+	t->restored_once = 1;
 	t->restored++;
 }
 
@@ -159,34 +159,34 @@ static int fits_yet(rules *t, wide strain) {
 
 /* A change that is believed: what is usual is learned anew, from here on. */
 static void believe_a_change(rules *t) {
-	if (!t->changed) { memcpy(t->before, t->usual, sizeof t->before); }
+	if (!t->changed) { memcpy(t->previous_variance, t->variance, sizeof t->previous_variance); }
 	t->changed = 1;
-	t->known = t->window;
+	t->n_variance = t->window;
 }
 
 /* At the end of a window: whether the learner is to be saved, as no fault is at work. */
 static int is_sound(rules *t) {
-	const int young = t->known <= t->window;
-	if (young || fits_yet(t, t->kept_strain)) {
-		t->doubted = 0;
+	const int young = t->n_variance <= t->window;
+	if (young || fits_yet(t, t->kept_nis)) {
+		t->suspect_for = 0;
 		return 1;
 	}
-	t->doubted += t->window;
-	if (t->doubted < t->hold) { return 0; }
-	t->doubted = 0;
+	t->suspect_for += t->window;
+	if (t->suspect_for < t->hold) { return 0; }
+	t->suspect_for = 0;
 	believe_a_change(t);
 	return 1;
 }
 
 /* Whether what is saved has done so much better that it comes back. */
 static int is_worse_than_kept(rules *t) {
-	const wide margin = t->spent ? (wide)1.2L : (wide)1.05L;
-	if (t->doubted == 0 && fits_yet(t, t->strain)) { return 0; }
-	return above(t, t->strain, margin * t->kept_strain);
+	const wide margin = t->restored_once ? (wide)1.2L : (wide)1.05L;
+	if (t->suspect_for == 0 && fits_yet(t, t->nis)) { return 0; }
+	return above(t, t->nis, margin * t->kept_nis);
 }
 
 static void settle(rules *t) {
-	const int poor = above(t, t->strain, 5 * (wide)t->window);
+	const int poor = above(t, t->nis, 5 * (wide)t->window);
 	if (t->worst == KOOP_TRUSTED && poor) { t->worst = KOOP_DOUBTFUL; }
 	if (t->worst < t->trust) {
 		t->trust--;
@@ -197,9 +197,9 @@ static void settle(rules *t) {
 }
 
 static void end_window(rules *t) {
-	if (t->changed && fits_yet(t, t->past_strain)) {
-		memcpy(t->usual, t->before, sizeof t->usual);
-		memcpy(t->recent, t->before, sizeof t->recent);
+	if (t->changed && fits_yet(t, t->previous_nis)) {
+		memcpy(t->variance, t->previous_variance, sizeof t->variance);
+		memcpy(t->recent_variance, t->previous_variance, sizeof t->recent_variance);
 		t->changed = 0;
 	}
 	const int lost = t->failed == t->window, worse = is_worse_than_kept(t), sound = is_sound(t);
@@ -207,19 +207,19 @@ static void end_window(rules *t) {
 		bring_back(t, lost);
 	} else if (sound) {
 		rules_save(t);
-		t->spent = 0;
+		t->restored_once = 0;
 	}
 	settle(t);
 	t->judged = t->failed = 0;
-	t->strain = t->kept_strain = t->past_strain = 0;
+	t->nis = t->kept_nis = t->previous_nis = 0;
 }
 
 /* What a sample says of the model by itself. */
 static int verdict(rules *t, int status) {
 	const int failed = status != KOOP_OK && status != KOOP_E_OUTLIER;
 	if (failed || !t->learner.rls.positive_definite) { return KOOP_REFUSE; }
-	if (above(t, t->strain, 12 * (wide)t->window)) { return KOOP_REFUSE; }
-	if (status == KOOP_E_OUTLIER || t->open > 0 || t->known <= t->window) { return KOOP_DOUBTFUL; }
+	if (above(t, t->nis, 12 * (wide)t->window)) { return KOOP_REFUSE; }
+	if (status == KOOP_E_OUTLIER || t->grace > 0 || t->n_variance <= t->window) { return KOOP_DOUBTFUL; }
 	return KOOP_TRUSTED;
 }
 
@@ -235,11 +235,11 @@ static int rules_update(rules *t, const real *zeta, const real *psi_next, KOOP(h
 	if (status == KOOP_OK) { count_taken(t, square); }
 	if (status == KOOP_E_OUTLIER) {
 		t->refused++;
-		if (t->refused >= t->patience) { t->open = t->window; }
+		if (t->refused >= t->patience) { t->grace = t->window; }
 	}
-	t->strain += strain_of(t, square, t->usual, fits);
-	t->kept_strain += strain_of(t, kept_square, t->usual, kept_fits);
-	if (t->changed) { t->past_strain += strain_of(t, square, t->before, fits); }
+	t->nis += strain_of(t, square, t->variance, fits);
+	t->kept_nis += strain_of(t, kept_square, t->variance, kept_fits);
+	if (t->changed) { t->previous_nis += strain_of(t, square, t->previous_variance, fits); }
 	if (status != KOOP_OK && status != KOOP_E_OUTLIER) { t->failed++; }
 	const int now = verdict(t, status);
 	if (now > t->worst) { t->worst = now; }
@@ -253,7 +253,7 @@ static int rules_update(rules *t, const real *zeta, const real *psi_next, KOOP(h
 
 static void check_means(const real *now, const wide *expected, const char *what) {
 	/* three roundings a sample, of which those of so many samples last */
-	const wide roundings = 3 * (wide)(twin.known + twin.window);
+	const wide roundings = 3 * (wide)(twin.n_variance + twin.window);
 	for (size_t i = 0; i < twin.N; i++) {
 		CHECK(fabs((wide)now[i] - expected[i]) <=
 		          roundings * (wide)REAL_EPSILON * expected[i] + (wide)REAL_MIN,
@@ -263,7 +263,7 @@ static void check_means(const real *now, const wide *expected, const char *what)
 }
 
 static void check_sum(real now, wide expected, const char *what) {
-	const wide roundings = 3 * (wide)(twin.known + twin.window) + 8 * MOST_N;
+	const wide roundings = 3 * (wide)(twin.n_variance + twin.window) + 8 * MOST_N;
 	CHECK(fabs((wide)now - expected) <= roundings * (wide)REAL_EPSILON * expected,
 	      "%s: %s is %.9g instead of %.9g", estimator_name(&e), what, (double)now, (double)expected);
 }
@@ -280,13 +280,13 @@ static void check_counts(void) {
 	TEST_ASSERT_EQUAL_INT(twin.trust, KOOP(gate_trust)(&gate));
 	TEST_ASSERT_EQUAL_size_t(twin.restored, gate.restored);
 	TEST_ASSERT_EQUAL_size_t(twin.refused, gate.refused);
-	TEST_ASSERT_EQUAL_size_t(twin.known, gate.known);
-	TEST_ASSERT_EQUAL_size_t(twin.first, gate.early);
-	TEST_ASSERT_EQUAL_size_t(twin.open, gate.open);
-	TEST_ASSERT_EQUAL_size_t(twin.doubted, gate.doubted);
+	TEST_ASSERT_EQUAL_size_t(twin.n_variance, gate.n_variance);
+	TEST_ASSERT_EQUAL_size_t(twin.first, gate.warm_up);
+	TEST_ASSERT_EQUAL_size_t(twin.grace, gate.grace);
+	TEST_ASSERT_EQUAL_size_t(twin.suspect_for, gate.suspect_for);
 	TEST_ASSERT_EQUAL_size_t(twin.judged, gate.judged);
 	TEST_ASSERT_EQUAL_size_t(twin.failed, gate.failed);
-	TEST_ASSERT_EQUAL_INT(twin.spent, gate.spent);
+	TEST_ASSERT_EQUAL_INT(twin.restored_once, gate.restored_once);
 	TEST_ASSERT_EQUAL_INT(twin.changed, gate.changed);
 	TEST_ASSERT_EQUAL_INT(twin.worst, gate.worst);
 	TEST_ASSERT_EQUAL_size_t(twin.mended[0], e.rls.mended);
@@ -296,11 +296,11 @@ static void check_counts(void) {
 /* The sum of words of 32 bits and that of each times its distance from the end, for a gate of a learner that
  * has a checksum. */
 static void check_checksum(void) {
-	const size_t from = offsetof(KOOP(gate), early), state = offsetof(KOOP(gate), sum) - from;
+	const size_t from = offsetof(KOOP(gate), warm_up), state = offsetof(KOOP(gate), sum) - from;
 	const size_t means = 3 * twin.N * sizeof(real);
 	uint32_t words[(3 * MOST_N * sizeof(real) + sizeof(KOOP(gate))) / 4];
 	koop_checksum expected = {0, 0};
-	memcpy(words, gate.usual, means);
+	memcpy(words, gate.variance, means);
 	memcpy(words + means / 4, (const unsigned char *)&gate + from, state);
 	const size_t count = (means + state) / 4;
 	for (size_t i = 0; i < count; i++) {
@@ -314,12 +314,12 @@ static void check_all(void) {
 	if (e.config.checksum) { check_checksum(); }
 	check_counts();
 	check_models();
-	check_means(gate.usual, twin.usual, "usual");
-	check_means(gate.recent, twin.recent, "recent");
-	check_means(gate.before, twin.before, "before");
-	check_sum(gate.strain, twin.strain, "strain");
-	check_sum(gate.saved_strain, twin.kept_strain, "saved_strain");
-	check_sum(gate.past_strain, twin.past_strain, "past_strain");
+	check_means(gate.variance, twin.variance, "usual");
+	check_means(gate.recent_variance, twin.recent_variance, "recent");
+	check_means(gate.previous_variance, twin.previous_variance, "before");
+	check_sum(gate.nis, twin.nis, "strain");
+	check_sum(gate.saved_nis, twin.kept_nis, "saved_strain");
+	check_sum(gate.previous_nis, twin.previous_nis, "past_strain");
 }
 
 /* A refused sample has no more to say than its innovation. */
@@ -412,13 +412,13 @@ static void flip_two(koop_checksum *sum) {
 
 /* One flipped bit leaves no trace; of two, what they are in begins anew. */
 static void flip_something(void) {
-	const size_t from = offsetof(KOOP(gate), early), which = random_below(&random, 7);
+	const size_t from = offsetof(KOOP(gate), warm_up), which = random_below(&random, 7);
 	KOOP(rls) *const model = which % 2 ? &gate.saved : &e.rls;
 	if (which < 2) {
 		flip(model->theta, model->kept * 8 * sizeof(real));
 		twin.mended[which]++;
 	}
-	if (which == 2) { flip(gate.usual, 3 * twin.N * 8 * sizeof(real)); }
+	if (which == 2) { flip(gate.variance, 3 * twin.N * 8 * sizeof(real)); }
 	if (which == 3) { flip((unsigned char *)&gate + from, (sizeof gate - from) * 8); }
 	if (which == 4 || which == 5) { flip_two(&model->sum); }
 	if (which == 4) {
@@ -489,7 +489,7 @@ static void test_what_cannot_be_mended_changes_trust_alone(void) {
 	TEST_ASSERT_TRUE(health.innovation <= 0 && health.innovation >= 0 && !health.gated);
 	twin.trust = twin.worst = KOOP_REFUSE;
 	check_all();
-	check_means(before.recent, twin.recent, "recent");
+	check_means(before.recent_variance, twin.recent_variance, "recent");
 }
 
 /* Whether P is known not to be positive definite is saved and comes back with it. The learner, spoilt, gets
@@ -549,11 +549,11 @@ static void check_exactly(double expected, real now) {
 static void test_what_is_usual_is_known_after_two_windows(void) {
 	start_fixed(1, NULL);
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 1000, 0, ONE_WINDOW));
-	check_exactly(0, gate.usual[0]);
+	check_exactly(0, gate.variance[0]);
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 2, 0, 1));
-	check_exactly(4, gate.usual[0]);
+	check_exactly(4, gate.variance[0]);
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 4, 0, 1));
-	check_exactly(10, gate.usual[0]);
+	check_exactly(10, gate.variance[0]);
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 1e4, 0, ONE_WINDOW - 2));
 	TEST_ASSERT_EQUAL_INT(1, innovations(1, 1e9, 0, 1));
 }
@@ -563,8 +563,8 @@ static void start_usual(size_t N, const KOOP(gate_config) *config) {
 	start_fixed(N, config);
 	TEST_ASSERT_EQUAL_INT(0, innovations(N, 1, 1, 4 * (int)(N + 1) * 20));
 	for (size_t i = 0; i < N; i++) {
-		check_exactly(1, gate.usual[i]);
-		gate.recent[i] = 1; /* where it tends to */
+		check_exactly(1, gate.variance[i]);
+		gate.recent_variance[i] = 1; /* where it tends to */
 	}
 }
 
@@ -651,13 +651,13 @@ static void test_each_sample_taken_makes_up_for_an_outlier(void) {
 static void test_what_is_usual_is_remembered_for_five_thousand_samples(void) {
 	start_fixed(1, &(KOOP(gate_config)){.floor = 100}); /* so that nothing is out of the ordinary */
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 1, 0, ONE_WINDOW + MEMORY - 1));
-	TEST_ASSERT_EQUAL_size_t(MEMORY - 1, gate.known);
+	TEST_ASSERT_EQUAL_size_t(MEMORY - 1, gate.n_variance);
 	for (int k = 0; k < 2; k++) {
-		gate.usual[0] = 1;
+		gate.variance[0] = 1;
 		TEST_ASSERT_EQUAL_INT(0, innovations(1, 4, 0, 1));
-		TEST_ASSERT_EQUAL_size_t(MEMORY, gate.known);
-		CHECK(fabs((wide)gate.usual[0] - (1 + (wide)15 / MEMORY)) <= 2 * (wide)REAL_EPSILON, "%.9g",
-		      (double)gate.usual[0]);
+		TEST_ASSERT_EQUAL_size_t(MEMORY, gate.n_variance);
+		CHECK(fabs((wide)gate.variance[0] - (1 + (wide)15 / MEMORY)) <= 2 * (wide)REAL_EPSILON, "%.9g",
+		      (double)gate.variance[0]);
 	}
 }
 
@@ -666,9 +666,9 @@ static void test_recent_samples_count_for_what_is_admitted_at_most(void) {
 	start_usual(1, &(KOOP(gate_config)){.patience = 1});
 	TEST_ASSERT_EQUAL_INT(1, innovations(1, 1e4, 0, 1)); /* open from here on */
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 1e4, 0, 1));
-	check_exactly(1 + 24.0 / ONE_WINDOW, gate.recent[0]);
+	check_exactly(1 + 24.0 / ONE_WINDOW, gate.recent_variance[0]);
 	TEST_ASSERT_EQUAL_INT(0, innovations(1, 2, 0, 1));
-	check_exactly(4, gate.recent[0]); /* a square of what it is leaves it alone */
+	check_exactly(4, gate.recent_variance[0]); /* a square of what it is leaves it alone */
 }
 
 /* Eight samples whose mean square is 1.5 times what is usual by the floor, or less by a rounding of one. */
@@ -685,7 +685,7 @@ static void test_a_mean_square_of_one_and_a_half_is_the_first_that_is_in_doubt(v
 		start_fixed(1, &(KOOP(gate_config)){.floor = 2});
 		TEST_ASSERT_EQUAL_INT(0, innovations(1, 1, 0, 4 * ONE_WINDOW));
 		a_window_of_one_and_a_half(less);
-		TEST_ASSERT_EQUAL_size_t(less ? 0 : ONE_WINDOW, gate.doubted);
+		TEST_ASSERT_EQUAL_size_t(less ? 0 : ONE_WINDOW, gate.suspect_for);
 	}
 }
 
@@ -697,11 +697,11 @@ static void test_a_change_is_believed_when_hold_is_over(void) {
 	for (size_t window = 1; window <= 3; window++) {
 		TEST_ASSERT_EQUAL_INT(0, gate.changed);
 		a_window_of_one_and_a_half(0);
-		TEST_ASSERT_EQUAL_size_t(window < 3 ? window * ONE_WINDOW : 0, gate.doubted);
+		TEST_ASSERT_EQUAL_size_t(window < 3 ? window * ONE_WINDOW : 0, gate.suspect_for);
 	}
 	TEST_ASSERT_EQUAL_INT(1, gate.changed);
-	check_exactly((24 + 48) / 32.0, gate.before[0]);
-	TEST_ASSERT_EQUAL_size_t(ONE_WINDOW, gate.known);
+	check_exactly((24 + 48) / 32.0, gate.previous_variance[0]);
+	TEST_ASSERT_EQUAL_size_t(ONE_WINDOW, gate.n_variance);
 }
 
 /* ---- trust, at the limits ---- */
@@ -712,7 +712,7 @@ static int trust_after_window_of(double squares) {
 	start_usual(1, &(KOOP(gate_config)){.multiple = 100, .hold = 100000});
 	for (int k = 0; k < 3 * ONE_WINDOW || gate.judged > 0; k++) { (void)innovations(1, 1, 0, 1); }
 	TEST_ASSERT_EQUAL_INT(KOOP_TRUSTED, KOOP(gate_trust)(&gate));
-	gate.strain = (real)(squares * ONE_WINDOW);
+	gate.nis = (real)(squares * ONE_WINDOW);
 	gate.judged = ONE_WINDOW - 1;
 	(void)innovations(1, 0, 0, 1);
 	return KOOP(gate_trust)(&gate);

@@ -224,7 +224,7 @@ static void stuck_sensor(const KOOP(dictionary) *dictionary) {
  * not to give it away first. */
 static void drifting_prediction(const KOOP(dictionary) *dictionary) {
 	settle(dictionary, KOOP_CHECK_REPORT);
-	l.guard.config.most_tracking = 1000;
+	l.guard.config.max_tracking_ratio = 1000;
 	l.rls.config.regulator = &KOOP(reg_none);
 	for (size_t i = 0; i < KOOP_SYMMETRIC(l.rls.n_regressors); i++) { l.rls.covariance[i] *= (real)1e-12; }
 	l.rls.theta[1] += (real)1e-3; /* of px, some 30 m, in py */
@@ -313,7 +313,7 @@ static size_t steps_of_distrust(void) {
  * but trust that lasts wipes that out. */
 static void test_patience(void) {
 	static const size_t waits[] = {2, 4, 8, 16, 32, 32};
-	begin_again(&(KOOP(guard_config)){.patience = 2, .renewal = 7, .most_tracking = 1000});
+	begin_again(&(KOOP(guard_config)){.patience = 2, .renewal = 7, .max_tracking_ratio = 1000});
 	TEST_ASSERT_TRUE(l.guard.config.renewal == 7);
 	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_OFFLINE, step());
 	TEST_ASSERT_EQUAL_INT(KOOP_GUARD_ONLINE, step());
@@ -328,9 +328,9 @@ static void test_patience(void) {
 /* Settings: the online model, which would be in use, is not where its plan is to be better than plans can be.
  */
 static void test_residual_that_is_not_to_be_had(void) {
-	begin_again(&(KOOP(guard_config)){.most_residual = (real)0.01});
+	begin_again(&(KOOP(guard_config)){.max_residual = (real)0.01});
 	TEST_ASSERT_TRUE(drive(40).online > 0);
-	begin_again(&(KOOP(guard_config)){.most_residual = REAL_MIN});
+	begin_again(&(KOOP(guard_config)){.max_residual = REAL_MIN});
 	TEST_ASSERT_TRUE(drive(40).online == 0);
 }
 
@@ -489,11 +489,11 @@ static void test_arguments(void) {
 	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, &l.mpc, NULL, storage, reals));
 	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, NULL, reals));
 	CHECK_STATUS(KOOP_E_STORAGE, KOOP(guard_init)(&guard, NULL, &l.mpc, offline, storage, reals - 1));
-	config.most_gain = (real)NAN;
+	config.max_gain = (real)NAN;
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
-	config.most_gain = (real)INFINITY;
+	config.max_gain = (real)INFINITY;
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
-	config.most_gain = -1;
+	config.max_gain = -1;
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(guard_init)(&guard, &config, &l.mpc, offline, storage, reals));
 	const real kept = offline[0];
 	offline[0] = (real)NAN;
@@ -637,10 +637,10 @@ static void test_learner_of_a_tiny_p0_is_started_again(void) {
 static void test_configuration_may_be_the_guard_s_own(void) {
 	begin_usual();
 	l.guard.config.patience = 3;
-	l.guard.config.most_gain = 7;
+	l.guard.config.max_gain = 7;
 	start_guard(&l.guard.config);
 	TEST_ASSERT_EQUAL_size_t(3, l.guard.config.patience);
-	TEST_ASSERT_TRUE(l.guard.config.most_gain >= 7 && l.guard.config.most_gain <= 7);
+	TEST_ASSERT_TRUE(l.guard.config.max_gain >= 7 && l.guard.config.max_gain <= 7);
 }
 
 /* ---- behind a gate ----------------------------------------------------------------------------- */

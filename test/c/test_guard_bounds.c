@@ -87,9 +87,9 @@ static int model_at_rest(void) {
 /* ---- what a model answers */
 
 /* What the first input does to the first and to the second state. */
-static int model_with_gains(double most_gain, real own, real other) {
+static int model_with_gains(double max_gain, real own, real other) {
 	const real theta[N * (N + M)] = {0, 0, own, 0, 0, 0, other, 1};
-	start(1, 0, &(KOOP(guard_config)){.least_gain = (real)0.5, .most_gain = (real)most_gain});
+	start(1, 0, &(KOOP(guard_config)){.min_gain = (real)0.5, .max_gain = (real)max_gain});
 	teach(theta);
 	return model_at_rest();
 }
@@ -110,7 +110,7 @@ static void test_response_of_all_states_may_be_as_large_as_set(void) {
 /* Over two steps (1, 0) offline, (4, 3) online: the cosine is 0.8. */
 static int model_with_cosine(real least) {
 	const real theta[N * (N + M)] = {(real)0.75, 0, 4, 0, 0, 0, 0, 1};
-	start(2, 0, &(KOOP(guard_config)){.least_cosine = least, .most_gain = 8});
+	start(2, 0, &(KOOP(guard_config)){.min_cosine = least, .max_gain = 8});
 	teach(theta);
 	return model_at_rest();
 }
@@ -136,7 +136,7 @@ static void test_offline_model_may_answer_as_strongly_as_numbers_allow(void) {
 /* ---- what a model predicts, and where the robot is */
 
 static int model_with_error(real online) {
-	start(1, 0, &(KOOP(guard_config)){.most_error = 4});
+	start(1, 0, &(KOOP(guard_config)){.max_error_ratio = 4});
 	r.guard.error[ONLINE] = online;
 	r.guard.error[OFFLINE] = 1;
 	return model_at_rest();
@@ -149,7 +149,7 @@ static void test_error_may_be_as_large_as_set(void) {
 
 static int model_away(real distance) {
 	const real x[N] = {distance, 0};
-	start(1, 0, &(KOOP(guard_config)){.most_tracking = 4});
+	start(1, 0, &(KOOP(guard_config)){.max_tracking_ratio = 4});
 	r.guard.have_target = 1;
 	r.guard.tracking = 1;
 	return model_at(x);
@@ -192,7 +192,7 @@ static int model_with_residual(real part, real second) {
 	r.low[1] = 0;
 	r.high[1] = second;
 	start_controller(1, 0.25);
-	const KOOP(guard_config) config = {.most_residual = part};
+	const KOOP(guard_config) config = {.max_residual = part};
 	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&r.guard, &config, &r.mpc, r.offline, r.storage, GUARD_REALS));
 	r.guard.wait = 0;
 	return model_at(away);
@@ -225,8 +225,8 @@ static void test_each_setting_is_checked(void) {
 	for (size_t i = 0; i < 6; i++) {
 		for (size_t k = 0; k < sizeof bad / sizeof *bad; k++) {
 			KOOP(guard_config) config = {0};
-			real *const values[] = {&config.least_cosine, &config.least_gain,    &config.most_gain,
-			                        &config.most_error,   &config.most_residual, &config.most_tracking};
+			real *const values[] = {&config.min_cosine, &config.min_gain,    &config.max_gain,
+			                        &config.max_error_ratio,   &config.max_residual, &config.max_tracking_ratio};
 			*values[i] = (real)bad[k];
 			CHECK_STATUS(KOOP_E_RANGE,
 			             KOOP(guard_init)(&r.guard, &config, &r.mpc, r.offline, r.storage, GUARD_REALS));

@@ -217,7 +217,7 @@ static void put_off(second *s) {
 
 static int went_astray(second *s, const real *psi) {
 	wide away[MOST_n];
-	const wide most = (wide)s->config.most_tracking;
+	const wide most = (wide)s->config.max_tracking_ratio;
 	for (size_t i = 0; i < s->n; i++) { away[i] = (wide)psi[i] - s->target[i]; }
 	const wide square = weigh(s, away);
 	if (!fits(square)) { return 0; }
@@ -229,7 +229,7 @@ static int went_astray(second *s, const real *psi) {
 
 static void look_back(second *s, const real *psi) {
 	const size_t longest = 16 * s->config.patience;
-	const wide most = (wide)s->config.most_error;
+	const wide most = (wide)s->config.max_error_ratio;
 	if (s->delay > longest) { s->delay = longest; }
 	if (s->wait > longest) { s->wait = longest; }
 	if (s->wait > 0) { s->wait--; }
@@ -248,22 +248,22 @@ static int leaves_too_much(second *s, const KOOP(mpc_config) *c, real residual) 
 		const wide told_apart = (wide)s->twin.mpc.noise + (wide)c->tolerance;
 		if (!at_most(s, range, 200 * told_apart)) { narrowest = fmin(narrowest, range); }
 	}
-	return !at_most(s, (wide)residual, (wide)s->config.most_residual * narrowest);
+	return !at_most(s, (wide)residual, (wide)s->config.max_residual * narrowest);
 }
 
 static int pair_is_alike(second *s, const wide *response, size_t i, size_t j) {
-	const wide least = (wide)s->config.least_gain, most = (wide)s->config.most_gain;
+	const wide least = (wide)s->config.min_gain, most = (wide)s->config.max_gain;
 	const wide judged = s->judged[i * s->m + j], square = product(s, response, response, i, j);
 	if (!(judged > 0)) { return 1; }
 	if (!at_most(s, least * least * judged, square)) { return 0; }
 	if (!at_most(s, square, most * most * judged)) { return 0; }
 	const wide cosine = product(s, response, s->response, i, j) / sqrt(square) / sqrt(judged);
-	return at_most(s, (wide)s->config.least_cosine, cosine);
+	return at_most(s, (wide)s->config.min_cosine, cosine);
 }
 
 static int input_is_alike(second *s, int model, size_t j) {
 	wide response[MOST_H * MOST_PAIRS], all = 0;
-	const wide most = (wide)s->config.most_gain;
+	const wide most = (wide)s->config.max_gain;
 	respond(s, model, j, response);
 	for (size_t i = 0; i < s->n; i++) {
 		if (!pair_is_alike(s, response, i, j)) { return 0; }
@@ -337,7 +337,7 @@ typedef struct {
 	size_t N, n, m, H;
 	int rate, gated, check;
 	const KOOP(form) *form;
-	double tolerance, most_residual;
+	double tolerance, max_residual;
 	size_t patience, renewal;
 } setting;
 
@@ -437,12 +437,12 @@ static real random_setting(double low, double high) {
 }
 
 static void random_config(void) {
-	w.config.least_cosine = random_setting(0.3, 0.95);
-	w.config.least_gain = random_setting(0.05, 0.6);
-	w.config.most_gain = random_setting(1.2, 5);
-	w.config.most_error = random_setting(1.1, 6);
-	w.config.most_tracking = random_setting(1.5, 6);
-	w.config.most_residual = (real)w.is->most_residual;
+	w.config.min_cosine = random_setting(0.3, 0.95);
+	w.config.min_gain = random_setting(0.05, 0.6);
+	w.config.max_gain = random_setting(1.2, 5);
+	w.config.max_error_ratio = random_setting(1.1, 6);
+	w.config.max_tracking_ratio = random_setting(1.5, 6);
+	w.config.max_residual = (real)w.is->max_residual;
 	w.config.patience = w.is->patience;
 	w.config.renewal = w.is->renewal;
 	w.config.gate = w.is->gated ? &w.own.gate : NULL;
@@ -455,11 +455,11 @@ static void put_default(real *value, double otherwise) {
 /* As the header says. */
 static KOOP(guard_config) with_defaults(void) {
 	KOOP(guard_config) config = w.config;
-	put_default(&config.least_cosine, 0.7);
-	put_default(&config.least_gain, 0.2);
-	put_default(&config.most_gain, 3);
-	put_default(&config.most_error, 4);
-	put_default(&config.most_tracking, 3);
+	put_default(&config.min_cosine, 0.7);
+	put_default(&config.min_gain, 0.2);
+	put_default(&config.max_gain, 3);
+	put_default(&config.max_error_ratio, 4);
+	put_default(&config.max_tracking_ratio, 3);
 	return config;
 }
 

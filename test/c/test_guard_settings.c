@@ -38,8 +38,8 @@ static const real own_state_each[N * M] = {1, 0, 0, 1}, low[M] = {-1, -1}, high[
 static void test_defaults_are_those_of_the_header(void) {
 	CHECK_STATUS(KOOP_OK, start(NULL, own_state_each, low, high));
 	const KOOP(guard_config) *c = &guard.config;
-	TEST_ASSERT_TRUE(c->least_cosine == (real)0.7 && c->least_gain == (real)0.2 && c->most_gain == 3);
-	TEST_ASSERT_TRUE(c->most_error == 4 && c->most_residual == (real)0.01 && c->most_tracking == 3);
+	TEST_ASSERT_TRUE(c->min_cosine == (real)0.7 && c->min_gain == (real)0.2 && c->max_gain == 3);
+	TEST_ASSERT_TRUE(c->max_error_ratio == 4 && c->max_residual == (real)0.01 && c->max_tracking_ratio == 3);
 	TEST_ASSERT_TRUE(c->patience == 15 && c->renewal == 100);
 }
 

@@ -304,7 +304,7 @@ static void check_same_as_fresh(const arguments *a) {
 static void check_nothing_is_known(const arguments *a) {
 	real plan[V];
 	TEST_ASSERT_TRUE(mpc.factored == 0 && mpc.planned == 0 && mpc.n_free == 0);
-	TEST_ASSERT_TRUE(mpc.steepest >= 1 && mpc.steepest <= 1);
+	TEST_ASSERT_TRUE(mpc.max_eigenvalue >= 1 && mpc.max_eigenvalue <= 1);
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&mpc, plan));
 	for (size_t q = 0; q < V; q++) {
 		TEST_ASSERT_TRUE(mpc.set[q] == 0);

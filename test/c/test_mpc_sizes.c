@@ -134,7 +134,7 @@ static const real *check_array(const real *array, const real *free_from, size_t 
 static const real *check_arrays(size_t round) {
 	const size_t N = p.c.n_lifted, n = p.c.n_states, m = p.c.n_inputs, H = p.c.horizon, V = H * m;
 	const size_t states = n * KOOP_MPC_PAD(H), inputs = KOOP_MPC_PAD(V);
-	const real *const of_inputs[] = {mpc.inverse, mpc.plan, mpc.gradient, mpc.trial, mpc.other, mpc.step};
+	const real *const of_inputs[] = {mpc.inverse, mpc.plan, mpc.gradient, mpc.trial, mpc.trial_gradient, mpc.step};
 	const real *const of_one[] = {mpc.u_before, mpc.u_min, mpc.u_max, mpc.u_safe};
 	const real *end = check_array(mpc.markov, storage, n * V, round);
 	end = check_array(mpc.free_error, end, states, round);
@@ -157,7 +157,7 @@ static void test_arrays_are_apart_and_inside_the_storage(void) {
 		CHECK_STATUS(KOOP_E_STORAGE, KOOP(mpc_init)(&mpc, &p.c, storage, p.reals - 1));
 		CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &p.c, storage, p.reals));
 		TEST_ASSERT_TRUE(check_arrays(round) <= storage + p.reals);
-		TEST_ASSERT_TRUE(mpc.way == mpc.trial && mpc.bent == mpc.other);
+		TEST_ASSERT_TRUE(mpc.direction == mpc.trial && mpc.hessian_direction == mpc.trial_gradient);
 		const int newton = p.c.method == KOOP_MPC_NEWTON;
 		TEST_ASSERT_TRUE(newton || (!mpc.square && !mpc.generator && !mpc.factor));
 	}

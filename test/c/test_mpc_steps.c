@@ -604,7 +604,7 @@ static int same_solve(const second *s, const KOOP(mpc_result) *result) {
 	if (result->iterations != s->iterations) { return 0; }
 	if (!is_near(result->residual, s->residual, s->residual)) { return 0; }
 	if (!same_plan(s) || !same_sizes(s)) { return 0; }
-	return newton ? same_factor(s) : is_near(mpc.steepest, s->steepest, s->steepest);
+	return newton ? same_factor(s) : is_near(mpc.max_eigenvalue, s->steepest, s->steepest);
 }
 
 typedef struct {

@@ -100,10 +100,10 @@ static void list_all(list *l, world *w) {
 	memset(l, 0, sizeof *l);
 	list_learner(l, &w->rls, end, own);
 	if (w->use != ALONE && w->use != CHECKSUM) {
-		list_learner(l, &w->gate.saved, w->gate.usual, saved);
-		add(l, "gate's statistics", w->gate.usual, w->gate.before + w->rls.n_lifted);
+		list_learner(l, &w->gate.saved, w->gate.variance, saved);
+		add(l, "gate's statistics", w->gate.variance, w->gate.previous_variance + w->rls.n_lifted);
 		add_fields(l, "gate's checksum", &w->gate, offsetof(KOOP(gate), sum), sizeof w->gate);
-		add_fields(l, "gate's state", &w->gate, offsetof(KOOP(gate), early), offsetof(KOOP(gate), sum));
+		add_fields(l, "gate's state", &w->gate, offsetof(KOOP(gate), warm_up), offsetof(KOOP(gate), sum));
 	}
 	if (w->closed) { list_control(l, w); }
 }

@@ -642,10 +642,10 @@ static void call_mpc_read(world *w) {
 static KOOP(guard_config) take_guard_config(world *w) {
 	KOOP(guard_config) c = {0};
 	const uint8_t kind = take_byte(&w->in);
-	c.gate = kind >= 128 && w->gate.usual ? &w->gate : NULL;
+	c.gate = kind >= 128 && w->gate.variance ? &w->gate : NULL;
 	if (kind % 2 == 0) { return c; }
-	real *const values[] = {&c.least_cosine, &c.least_gain,    &c.most_gain,
-	                        &c.most_error,   &c.most_residual, &c.most_tracking};
+	real *const values[] = {&c.min_cosine, &c.min_gain,    &c.max_gain,
+	                        &c.max_error_ratio,   &c.max_residual, &c.max_tracking_ratio};
 	for (size_t i = 0; i < sizeof values / sizeof *values; i++) {
 		*values[i] = w->arbitrary ? take_real(&w->in) : (real)(take_byte(&w->in) / 16.0);
 	}
@@ -759,8 +759,8 @@ static void call_gate_update(world *w) {
 	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return; }
 	if (!is_null(w, 5)) { EXPECT(isfinite(health.innovation) || status != KOOP_OK, "innovation"); }
 	EXPECT(all_finite(w->gate.saved.theta, rls->n_regressors * rls->n_lifted_padded), "saved model");
-	EXPECT(all_finite(w->gate.usual, N) && all_finite(w->gate.recent, N), "usual innovations");
-	EXPECT(isfinite(w->gate.strain) && isfinite(w->gate.saved_strain), "strain");
+	EXPECT(all_finite(w->gate.variance, N) && all_finite(w->gate.recent_variance, N), "usual innovations");
+	EXPECT(isfinite(w->gate.nis) && isfinite(w->gate.saved_nis), "strain");
 	EXPECT(KOOP(gate_trust)(&w->gate) >= KOOP_TRUSTED && KOOP(gate_trust)(&w->gate) <= KOOP_REFUSE, "trust");
 }
 

@@ -35,12 +35,12 @@ class _Solution(ct.Structure):
 class _GuardSettings(ct.Structure):
     _fields_ = [
         ("offline", DOUBLES),
-        ("least_cosine", ct.c_double),
-        ("least_gain", ct.c_double),
-        ("most_gain", ct.c_double),
-        ("most_error", ct.c_double),
-        ("most_residual", ct.c_double),
-        ("most_tracking", ct.c_double),
+        ("min_cosine", ct.c_double),
+        ("min_gain", ct.c_double),
+        ("max_gain", ct.c_double),
+        ("max_error_ratio", ct.c_double),
+        ("max_residual", ct.c_double),
+        ("max_tracking_ratio", ct.c_double),
         ("patience", ct.c_size_t),
         ("renewal", ct.c_size_t),
     ]
@@ -76,12 +76,12 @@ class Guard:
     """The guard with its offline model (N, N+2); zeros mean the library's defaults."""
 
     offline: np.ndarray
-    least_cosine: float = 0.0
-    least_gain: float = 0.0
-    most_gain: float = 0.0
-    most_error: float = 0.0
-    most_residual: float = 0.0
-    most_tracking: float = 0.0
+    min_cosine: float = 0.0
+    min_gain: float = 0.0
+    max_gain: float = 0.0
+    max_error_ratio: float = 0.0
+    max_residual: float = 0.0
+    max_tracking_ratio: float = 0.0
     patience: int = 0
     renewal: int = 0
 
@@ -90,8 +90,8 @@ class Guard:
         if offline.shape != shape:
             raise ValueError(f"expected an offline model of shape {shape}, got {offline.shape}")
         settings = _GuardSettings(
-            doubles(offline), self.least_cosine, self.least_gain, self.most_gain, self.most_error,
-            self.most_residual, self.most_tracking, self.patience, self.renewal,
+            doubles(offline), self.min_cosine, self.min_gain, self.max_gain, self.max_error_ratio,
+            self.max_residual, self.max_tracking_ratio, self.patience, self.renewal,
         )  # fmt: skip
         settings.keep = offline
         return ct.byref(settings)

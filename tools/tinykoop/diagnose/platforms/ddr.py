@@ -1,5 +1,7 @@
 """The differential-drive robot of host_sim/: pose (px, py, theta), commands (v, omega)."""
 
+from collections import OrderedDict
+
 import numpy as np
 
 from ... import bridge
@@ -27,6 +29,7 @@ STEADY = 0.02  # share that commands of one kind vary by
 STARTS = 400  # of predictions
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
+KEPT = 3.2e7  # bytes of steps that are not worked out again
 
 
 def _inside(params, spec):
@@ -119,7 +122,7 @@ class Path(path.Path):
     def _follow(self, X):
         """Takes X (K, 3) as the reference path."""
         K = len(X)
-        self.X = X
+        self.X, self._seen = X, OrderedDict()
         c, s = np.cos(X[:, 2]), np.sin(X[:, 2])
         self._to_axes = np.zeros((K, 3, 3))
         self._to_axes[:, 0, 0] = self._to_axes[:, 1, 1] = c
@@ -168,6 +171,15 @@ class Path(path.Path):
         return STARTS
 
     def _beside(self, causes):
+        """Where one step with causes ends beside the path (K, 3): a search asks for the same again and again."""
+        asked = self.variant, tuple(causes)
+        known = self._seen.pop(asked, None)
+        self._seen[asked] = self._ends(causes) if known is None else known
+        while len(self._seen) > 1 and len(self._seen) * self.X.nbytes > KEPT:
+            self._seen.popitem(last=False)
+        return self._seen[asked]
+
+    def _ends(self, causes):
         active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
         predicted, _ = self._rollouts.predict(active)
         D = predicted[:, 0] - self.X[self._on + 1]

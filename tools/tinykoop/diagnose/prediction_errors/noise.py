@@ -1,5 +1,7 @@
 """Sensor noise and random motion of the robot, by maximum likelihood."""
 
+import hashlib
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +19,7 @@ SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
 COARSEST = 2e7  # times the finest noise of a sensor, that it may have
 ROUNDS, TOLERANCE, STEP = 15, 1e-7, 1e-4  # of the search; relative; by which slopes are taken
+KEPT = 8  # variances ahead that are not worked out again
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,26 @@ def whitened(path, noise, D, E):
     )  # fmt: skip
 
 
+_known = OrderedDict()  # variances ahead that were asked for last, by all that they depend on
+
+
 def ahead(path, noise, starts, horizons):
-    """Variances (S, H, c) of what a perfect model misses, which starts at what was measured and is compared with what was measured."""
+    """Variances (S, H, c) of what a perfect model misses, which starts at what was measured and is compared with what was measured.
+
+    A verdict asks for the same several times.
+    """
+    unsure = path.unsure(noise)
+    about = (path.A, path.G, path.C, path.present, unsure, noise.sensor, noise.sensor_rho, noise.process, noise.process_rho, starts)
+    digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in about)).digest()
+    asked = digest, len(path.spread), tuple(np.shape(a) for a in about), tuple(horizons)
+    known = _known.pop(asked, None)
+    _known[asked] = _ahead(path, noise, starts, horizons, unsure) if known is None else known
+    while len(_known) > KEPT:
+        _known.popitem(last=False)
+    return _known[asked]
+
+
+def _ahead(path, noise, starts, horizons, unsure):
     n, r, c = len(path.spread), len(noise.process), len(noise.sensor)
     coloured, shown = noise.sensor_rho > CORRELATED, np.isfinite(path.present)
     outliers = np.where(shown, np.minimum(path.present, FAR), 0).sum(0) / np.maximum(shown.sum(0), 1)
@@ -77,7 +98,7 @@ def ahead(path, noise, starts, horizons):
     white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
     P = np.zeros((len(starts), n + r + c, n + r + c))
     back = np.linalg.pinv(path.C)
-    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + path.unsure(noise)[starts]
+    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + unsure[starts]
     P[:, n : n + r, n : n + r] = np.eye(r)
     P[:, n + r :, n + r :] = np.diag(tint)
     P[:, :n, n + r :] = -back @ np.diag(tint)
@@ -103,6 +124,7 @@ class _Vector:
     def __init__(self, path, coloured):
         self.path, self.coloured = path, coloured
         self.groups = np.unique(path.alike)
+        self.pick = np.searchsorted(self.groups, path.alike)
         g, r = len(self.groups), len(path.usual)
         self.cuts = np.cumsum([g, r, 1])
         finest = [path.finest[path.alike == group].min() for group in self.groups]
@@ -117,11 +139,11 @@ class _Vector:
         return np.clip(z, *np.transpose(self.bounds))
 
     def noise(self, z):
-        sensor, process, tau, rho = np.split(z, self.cuts)
-        pick = np.searchsorted(self.groups, self.path.alike)
+        g, m, t = self.cuts
+        sensor, process, tau, rho = z[:g], z[g:m], z[m:t], z[t:]
         keeps = np.full(len(process), np.exp(-self.path.dt / np.exp(tau[0])))
         rho = rho if self.coloured else np.zeros(len(self.groups))
-        return Noise(np.exp(sensor)[pick], rho[pick], np.exp(process) * self.path.usual, keeps)
+        return Noise(np.exp(sensor)[self.pick], rho[self.pick], np.exp(process) * self.path.usual, keeps)
 
 
 def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
-from . import own, page, words
+from . import page, words
 from .diagnosis import diagnose, in_log_time, load
 from .platforms import ddr
 from .robots import is_own
@@ -43,6 +43,8 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
         raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
     robot = of_log(path) if robot is None else robot
     if is_own(robot):
+        from . import own  # scipy.signal, which it needs, takes most of a second
+
         return own.run(path, robot, out, fresh, without, healthy, sim)
     with busy(f"diagnosing {Path(path).name}"):
         kind, arguments = _arguments(path, fresh, robot, without, healthy)

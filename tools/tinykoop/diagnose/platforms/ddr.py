@@ -33,14 +33,13 @@ KEPT = 3.2e7  # bytes of steps that are not worked out again
 
 
 def _inside(params, spec):
-    return tuple(float(np.clip(v, p.low, p.high)) for v, p in zip(params, spec))
+    return tuple(float(min(max(v, p.low), p.high)) for v, p in zip(params, spec))
 
 
 def _limits(u, quantiles):
     """Both at once and each alone, at quantiles of the commands' sizes."""
-    out = []
-    for q in quantiles:
-        size = [np.quantile(a, q) if len(a := np.abs(c)[np.abs(c) > 1e-9]) else 0.0 for c in u.T]
+    out, moving = [], (np.abs(c)[np.abs(c) > 1e-9] for c in u.T)
+    for size in zip(*(np.quantile(a, quantiles) if len(a) else np.zeros(len(quantiles)) for a in moving)):
         out += [v for v in ((size[0], size[1]), (size[0], 0.0), (0.0, size[1])) if max(v) > 1e-6]
     return out
 

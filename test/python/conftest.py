@@ -11,6 +11,19 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Files that take longest, in processor time: a worker that begins with one of them at the end leaves the others idle.
+SLOWEST = (
+    "test_examples_own", "test_diagnose", "test_diagnose_input", "test_own_robot", "test_drop_in", "test_host_faults",
+    "test_simulators_mujoco", "test_big_endian", "test_flight", "test_simulators_recorded", "test_objects", "test_assure_flips",
+    "test_blind_own", "test_long_logs", "test_simulators_fmu",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items):
+    """Slow files first; xdist is told to leave that order as it is (Makefile)."""
+    place = {name: k for k, name in enumerate(SLOWEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(SLOWEST)))
+
 
 @pytest.fixture
 def tinykoop_in(monkeypatch, capsys):

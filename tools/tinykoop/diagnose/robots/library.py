@@ -145,11 +145,12 @@ def _limited_rate(u, params, context):
 
 
 def _play(u, params, context):
-    half, out, y = params[0], np.empty_like(u), float(u[0])
-    for k, wanted in enumerate(u.tolist()):
-        y = min(max(y, wanted - half), wanted + half)
-        out[k] = y
-    return out
+    out, y = [], float(u[0])
+    for low, high in zip((u - params[0]).tolist(), (u + params[0]).tolist()):
+        y = low if y < low else y
+        y = high if y > high else y
+        out.append(y)
+    return np.array(out)
 
 
 def _sagging(u, params, context):

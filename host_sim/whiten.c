@@ -44,7 +44,7 @@ static double update(filter *f, size_t i, double variance, double *K) {
 	const size_t N = f->N;
 	const double *C = f->noise->C + i * f->n;
 	const size_t own = f->n + f->r + i;
-	double Ph[MOST], S = variance;
+	double Ph[MOST] = {0}, S = variance;
 	for (size_t a = 0; a < N; a++) {
 		double sum = f->coloured ? f->P[a * N + own] : 0;
 		for (size_t b = 0; b < f->n; b++) { sum += f->P[a * N + b] * C[b]; }

@@ -2,12 +2,14 @@
 
 import functools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from tinykoop import bridge
 from tinykoop.diagnose import diagnose, elsewhere, words
 from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.prediction_errors import noise as noises
 from tinykoop.diagnose.prediction_errors.fit import Cause
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
@@ -162,6 +164,32 @@ def test_seed_does_not_matter():
 def test_same_log_same_bytes():
     again = diagnose(log_of(drive(), usual(*MIXED))).report
     assert json.dumps(again) == json.dumps(mixed())
+
+
+def test_steps_are_the_same_whether_they_are_kept(monkeypatch):
+    """However long the log: at least those asked for last are kept, of the variant that they are of."""
+    trials, log = [(), (Cause("yaw_gain", (0.1,)),)], log_of(drive())
+    kept = ddr.Path(log)
+    arc = kept.steps(trials)[0]
+    kept.step_by(1)
+    euler = kept.steps(trials)[0]
+    assert (arc != euler).any()
+    monkeypatch.setattr(ddr, "KEPT", 1.0)
+    path = ddr.Path(log)
+    for variant, steps in ((0, arc), (1, euler), (0, arc)):
+        for same in (kept, path):
+            same.step_by(variant)
+            np.testing.assert_array_equal(same.steps(trials)[0], steps)
+
+
+def test_noise_ahead_is_that_of_the_noise_and_the_rows_that_are_asked_for():
+    path, starts, horizons = ddr.Path(log_of(drive())), np.arange(100, 500, 9), (1, 10)
+    loud = noises.first(path)
+    first, fewer = noises.ahead(path, loud, starts, horizons), noises.ahead(path, loud, starts[3:], horizons)
+    still = noises.ahead(path, replace(loud, sensor=loud.sensor / 2), starts, horizons)
+    np.testing.assert_array_equal(noises.ahead(path, loud, starts, horizons), first)
+    np.testing.assert_array_equal(fewer, first[3:])
+    assert (still < first).all()
 
 
 def test_masked_poses_do_not_matter():

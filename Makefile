@@ -45,7 +45,7 @@ demo: build ## the main job: eleven methods learn and control the DDR, precision
 
 test: build c-tests ## every test that needs no cross toolchain
 	@ctest --test-dir $(BUILD)/test --output-on-failure -j $(JOBS)
-	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) --dist loadfile test/python
+	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) --dist loadfile --no-loadscope-reorder test/python
 
 c-tests: system
 	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF

@@ -8,6 +8,7 @@
 
 #include "message.h"
 #include "tinykoop_sim.h"
+#include "wide.h"
 
 enum { LANES = 8, MOST = 48 };
 
@@ -149,7 +150,7 @@ static void predict(filter *f, const double *A, const double *G, const double *D
 	}
 }
 
-static void run(filter *f, size_t rows, const tk_path *path, const double *D, const double *E) {
+WIDE static void run(filter *f, size_t rows, const tk_path *path, const double *D, const double *E) {
 	f->squares = f->log_det = spread(0);
 	f->product = spread(1);
 	for (size_t k = 0; k < rows; k++) {

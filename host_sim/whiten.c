@@ -13,6 +13,7 @@
 
 #include "message.h"
 #include "tinykoop_sim.h"
+#include "wide.h"
 
 enum { MOST = 48 }; /* states */
 
@@ -43,7 +44,7 @@ static double update(filter *f, size_t i, double variance, double *K) {
 	const size_t N = f->N;
 	const double *C = f->noise->C + i * f->n;
 	const size_t own = f->n + f->r + i;
-	double Ph[MOST], S = variance;
+	double Ph[MOST] = {0}, S = variance;
 	for (size_t a = 0; a < N; a++) {
 		double sum = f->coloured ? f->P[a * N + own] : 0;
 		for (size_t b = 0; b < f->n; b++) { sum += f->P[a * N + b] * C[b]; }
@@ -153,6 +154,20 @@ static double innovate_row(filter *f, const double *variance, const double *E, d
 	return log_det;
 }
 
+WIDE static double run(filter *f, size_t rows, const tk_path *path, const double *D, const double *E, double *out) {
+	const size_t n = f->n, r = f->r, c = f->c, q = f->q;
+	double log_det = 0;
+	for (size_t k = 0; k < rows; k++) {
+		if (path->begins[k]) { start(f); }
+		log_det += innovate_row(f, path->variance + k * c, E + k * c * q, out + k * c * q);
+		if (k + 1 == rows || path->begins[k + 1]) { continue; }
+		transition(f, path->A + k * n * n, path->G + k * n * r);
+		predict_covariance(f);
+		predict_columns(f, D + k * n * q);
+	}
+	return log_det;
+}
+
 int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *D, const double *E,
               double *out, double *log_det) {
 	const size_t n = noise->n, r = noise->r, c = noise->c, coloured = noise->coloured ? c : 0, N = n + r + coloured;
@@ -164,15 +179,7 @@ int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path 
 	f.F = memory + N * N;
 	f.work = memory + 2 * N * N;
 	f.z = memory + 3 * N * N;
-	*log_det = 0;
-	for (size_t k = 0; k < rows; k++) {
-		if (path->begins[k]) { start(&f); }
-		*log_det += innovate_row(&f, path->variance + k * c, E + k * c * columns, out + k * c * columns);
-		if (k + 1 == rows || path->begins[k + 1]) { continue; }
-		transition(&f, path->A + k * n * n, path->G + k * n * r);
-		predict_covariance(&f);
-		predict_columns(&f, D + k * n * columns);
-	}
+	*log_det = run(&f, rows, path, D, E, out);
 	free(memory);
 	return TK_OK;
 }

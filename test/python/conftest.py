@@ -1,9 +1,40 @@
 """Makes the tools importable without installing them, and computes as they do: in one thread."""
 
 import os
+import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Files that take longest, in processor time: a worker that begins with one of them at the end leaves the others idle.
+SLOWEST = (
+    "test_examples_own", "test_diagnose", "test_diagnose_input", "test_own_robot", "test_drop_in", "test_host_faults",
+    "test_simulators_mujoco", "test_big_endian", "test_flight", "test_simulators_recorded", "test_objects", "test_assure_flips",
+    "test_blind_own", "test_long_logs", "test_simulators_fmu",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items):
+    """Slow files first; xdist is told to leave that order as it is (Makefile)."""
+    place = {name: k for k, name in enumerate(SLOWEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(SLOWEST)))
+
+
+@pytest.fixture
+def tinykoop_in(monkeypatch, capsys):
+    """What a process that runs `tinykoop ARGUMENTS` in a folder returns, without one: to start Python takes longer than most commands."""
+    from tinykoop import cli
+
+    def run(folder, *arguments):
+        monkeypatch.chdir(folder)
+        monkeypatch.setattr(sys, "argv", ["tinykoop", *map(str, arguments)])
+        capsys.readouterr()
+        status = cli.main()
+        return subprocess.CompletedProcess(arguments, status, *capsys.readouterr())
+
+    return run

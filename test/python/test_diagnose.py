@@ -165,6 +165,22 @@ def test_same_log_same_bytes():
     assert json.dumps(again) == json.dumps(mixed())
 
 
+def test_steps_are_the_same_whether_they_are_kept(monkeypatch):
+    """However long the log: at least those asked for last are kept, of the variant that they are of."""
+    trials, log = [(), (Cause("yaw_gain", (0.1,)),)], log_of(drive())
+    kept = ddr.Path(log)
+    arc = kept.steps(trials)[0]
+    kept.step_by(1)
+    euler = kept.steps(trials)[0]
+    assert (arc != euler).any()
+    monkeypatch.setattr(ddr.path, "KEPT", 1.0)
+    path = ddr.Path(log)
+    for variant, steps in ((0, arc), (1, euler), (0, arc)):
+        for same in (kept, path):
+            same.step_by(variant)
+            np.testing.assert_array_equal(same.steps(trials)[0], steps)
+
+
 def test_masked_poses_do_not_matter():
     """Whatever stands in rows that are masked, the answer is the same."""
     reports = []

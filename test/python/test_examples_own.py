@@ -27,7 +27,6 @@ from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples/own_robot"
-TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
 
 
 def run(*command, where):
@@ -61,12 +60,13 @@ def true_robot(name):
 @pytest.mark.parametrize(
     "name, effect, parameter, size", [("pendulum", "delay:force", "delay", 0.06), ("quadrotor", "parameter:mass", "change", 0.16)]
 )
-def test_each_example_says_what_its_true_robot_has(examples, name, effect, parameter, size):
+def test_each_example_says_what_its_true_robot_has(examples, tinykoop_in, name, effect, parameter, size):
     place = examples / name
     run(sys.executable, "make_log.py", f"{name}.csv", where=place)
-    assert "look:" not in run(*TINYKOOP, "robot", "check", f"{name}.toml", f"{name}.csv", where=place)
-    said = run(*TINYKOOP, "diagnose", f"{name}.csv", "--robot", f"{name}.toml", "--out", name, where=place)
-    assert effect in said
+    checked = tinykoop_in(place, "robot", "check", f"{name}.toml", f"{name}.csv")
+    assert checked.returncode == 0 and "look:" not in checked.stdout, checked.stderr
+    said = tinykoop_in(place, "diagnose", f"{name}.csv", "--robot", f"{name}.toml", "--out", name)
+    assert said.returncode == 0 and effect in said.stdout, said.stderr
     report = json.loads((place / name / "report.json").read_text())
     assert report["verdict"] == "known" and [e["name"] for e in report["effects"]] == [effect]
     assert abs(report["effects"][0]["params"][parameter] / size - 1) < 0.05

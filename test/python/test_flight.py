@@ -137,7 +137,7 @@ def test_whitener_undoes_a_vector_autoregression():
 
 def test_sensor_bias_of_usual_size_counts_little():
     """The covariance with a bias taken in, against what it is by definition."""
-    log = bridge.fwmav("hover", 5, 5)[0]
+    log = bridge.fwmav("hover", 3, 5)[0]
     path = simulated().path(log)
     U, shrunk = path.noises._own, path.noises._shrunk
     s2 = 1 / (1 - shrunk) ** 2 - 1

@@ -57,7 +57,7 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory):
     path = tmp_path_factory.mktemp("flight") / "hover.csv"
-    flown, _ = bridge.fwmav("hover", 20.0, 1, [])
+    flown, _ = bridge.fwmav("hover", 12.0, 1, [])
     bridge.write_log(path, flown.x, flown.u, flown.dt, "fwmav")
     return path
 

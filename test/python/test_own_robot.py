@@ -49,10 +49,10 @@ def car():
     return toml.read(CAR / "car.toml")
 
 
-def log_of(car, folder, seed, lag=1e-9, rate=None):
-    """A log of the true car; rate: another law of motion."""
+def log_of(car, folder, seed, lag=1e-9, rate=None, rows=None):
+    """A log of the true car; rate: another law of motion; rows: of a shorter log."""
     true = example()
-    true.LAG = lag
+    true.LAG, true.ROWS = lag, rows or true.ROWS
     true.rate = rate or true.rate
     return read(written(folder / "car.csv", true.drive(seed)), car)
 
@@ -239,11 +239,11 @@ def test_what_changed_since_healthy_logs_is_asked_of_them(car, tmp_path):
     def turned(pose, speed, steering):
         return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * np.tan(1.1 * steering) / 0.33
 
-    before = [log_of(car, tmp_path, seed, lag=0.12) for seed in (21, 22)]
-    report = own.diagnose(log_of(car, tmp_path, 23, lag=0.12, rate=turned), car, healthy=before).report
+    before = [log_of(car, tmp_path, seed, lag=0.12, rows=600) for seed in (21, 22)]
+    report = own.diagnose(log_of(car, tmp_path, 23, lag=0.12, rate=turned, rows=900), car, healthy=before).report
     assert [e["name"] for e in report["healthy"]["effects"]] == ["lag:steering"] and report["healthy"]["logs"] == 2
     assert [e["name"] for e in report["effects"]] == ["gain:steering"] or "gain:steering" in report["ambiguous_with"][report["effects"][0]["name"]]
-    assert own.diagnose(log_of(car, tmp_path, 24, lag=0.12), car, healthy=before).report["verdict"] == "none"
+    assert own.diagnose(log_of(car, tmp_path, 24, lag=0.12, rows=900), car, healthy=before).report["verdict"] == "none"
 
 
 def test_an_effect_that_is_too_small_to_matter_is_no_verdict(car, tmp_path):
@@ -265,6 +265,7 @@ def test_a_steering_that_turned_before_the_log_began_is_no_effect(car, tmp_path)
 
 def test_several_logs_get_a_report_each_and_one_table(car, tmp_path):
     true = example()
+    true.ROWS = 600
     for name, lag in (("well", 1e-9), ("slow", 0.12)):
         true.LAG = lag
         written(tmp_path / f"{name}.csv", true.drive(26))
@@ -544,11 +545,11 @@ def test_a_c_function_is_the_same_simulator(car, tmp_path):
 # ---- as a newcomer does it ----------------------------------------------------------------------------------------
 
 
-def test_a_newcomer_s_path(tmp_path):
+def test_a_newcomer_s_path(tmp_path, tinykoop_in):
     """`robot new`, a log, `robot check`, `diagnose`: four commands and no edit."""
 
     def tinykoop(*arguments):
-        return subprocess.run([*TINYKOOP, *arguments], cwd=tmp_path, capture_output=True, text=True)
+        return tinykoop_in(tmp_path, *arguments)
 
     assert tinykoop("robot", "new", "bot").returncode == 0
     rng = np.random.default_rng(5)

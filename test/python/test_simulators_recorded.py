@@ -3,8 +3,6 @@
 import csv
 import importlib.util
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = ROOT / "examples/own_robot/car"
-TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
 COLUMNS = ("t", "x", "y", "psi", "v_cmd", "delta")
 
 
@@ -152,13 +149,13 @@ def test_a_short_run_gets_one_line(car, tmp_path):
 # ---- the commands ------------------------------------------------------------------------------------------------
 
 
-def test_a_robot_s_file_needs_no_simulator_beside_a_run(car, tmp_path):
+def test_a_robot_s_file_needs_no_simulator_beside_a_run(car, tmp_path, tinykoop_in):
     run_of(car, tmp_path, log_of(car, tmp_path, 27, gain=1.1))
     text = (CAR / "car.toml").read_text()
     (tmp_path / "car.toml").write_text(text[: text.index("[simulator]")] + text[text.index("[report]") :])
 
     def tinykoop(*arguments):
-        return subprocess.run([*TINYKOOP, *arguments], cwd=tmp_path, capture_output=True, text=True)
+        return tinykoop_in(tmp_path, *arguments)
 
     assert tinykoop("robot", "check", "car.toml", "car.csv", "--sim", "sim.csv").returncode == 0
     done = tinykoop("diagnose", "car.csv", "--robot", "car.toml", "--sim", "sim.csv", "--out", "out")

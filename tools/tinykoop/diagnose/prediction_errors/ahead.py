@@ -71,16 +71,25 @@ def after(fitter, fit, starts):
     return sizes(fitter.path, missed(fitter, fit, starts))
 
 
-def moved(path, causes, others, starts):
-    """{gap: (H,)}: RMS by which predictions with causes differ from those with others."""
-    return {gap: rms(d) for gap, d in sizes(path, path.ahead(causes, starts, HORIZONS) - path.ahead(others, starts, HORIZONS)).items()}
+def moved(path, missed, others, starts):
+    """{gap: (H,)}: RMS by which predictions that miss so much (S, H, c) differ from those with other causes."""
+    return {gap: rms(d) for gap, d in sizes(path, missed - path.ahead(others, starts, HORIZONS)).items()}
 
 
 def rms(values, axis=0):
     """Of what is there; NaN of nothing."""
+    return _root_mean(*_squares(values), axis)
+
+
+def _squares(values):
+    """(squares, 0 where nothing is; whether something is)."""
     there = np.isfinite(values)
+    return np.square(np.where(there, values, 0)), there
+
+
+def _root_mean(squares, there, axis):
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.sqrt(np.square(np.where(there, values, 0)).sum(axis) / there.sum(axis))
+        return np.sqrt(squares.sum(axis) / there.sum(axis))
 
 
 def closed(before, after, least):
@@ -98,7 +107,8 @@ def summary(before, after, least, seed=0):
     S = series.shape[1]
     block, rng = max(1, S // 40), np.random.default_rng(seed)
     first = rng.integers(0, max(S - block, 1), size=(DRAWS, -(-S // block)))
-    drawn = rms(series[:, (first[..., None] + np.arange(block)).reshape(DRAWS, -1) % S], 2)
+    rows = (first[..., None] + np.arange(block)).reshape(DRAWS, -1) % S
+    drawn = _root_mean(*(part[:, rows] for part in _squares(series)), 2)
     drawn[2] = np.minimum(drawn[2], drawn[1])
     share, spread = closed(*whole), np.full((2, len(HORIZONS)), np.nan)
     for j in np.flatnonzero(np.isfinite(share)):

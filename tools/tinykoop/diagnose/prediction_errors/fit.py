@@ -1,6 +1,7 @@
 """Causes, their sizes, and what they leave of a log."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,11 +30,11 @@ class Effect:
     formula: str = ""  # what it does, where no words say so
     transient: bool = field(default=False, kw_only=True)  # shows when it sets in, and hardly after
 
-    @property
+    @cached_property
     def scale(self):
         return np.array([abs(p.usual) or 1.0 for p in self.parameters])
 
-    @property
+    @cached_property
     def bounds(self):
         """(low, high) in usual sizes."""
         return np.array([p.low for p in self.parameters]) / self.scale, np.array([p.high for p in self.parameters]) / self.scale
@@ -87,6 +88,8 @@ class Fitter:
 
     def guesses(self, causes):
         """What it costs that curves are not as usual."""
+        if not any(self.effects[c.name].curve for c in causes):
+            return 0.0
         z, _, _, curved = self.vector(causes)
         return float((curved * (z - 1) ** 2).sum()) / GUESS**2
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from . import ahead
 from .fit import SLOPE, Cause, Fit
@@ -131,7 +131,8 @@ def left(search, state, whole, before, after, starts):
     whole: the state with its small causes; before, after: {gap: errors (S, H)}, of the nominal simulator and with causes.
     """
     path, noise = search.path, min(state.noise, whole.noise, key=lambda n: float((n.process / search.path.usual).sum()))
-    found = [_left_in(path, noise, before[gap], after[gap], starts, gap) for gap in path.gaps]
+    floors = [ahead.floor(path, n, starts) for n in (noise.quiet(path), noise)]
+    found = [_left_in(path, noise, before[gap], after[gap], [floor[gap] for floor in floors], gap) for gap in path.gaps]
     found = next((one for one in found if one.of >= one.smallest), found[0])
     return replace(found, white=_white(state.fit.left.reshape(path.present.shape)))
 
@@ -143,9 +144,9 @@ def _white(left):
     return bool(np.abs(lags).max() < max(CORRELATED, chance))
 
 
-def _left_in(path, noise, before, after, starts, gap):
+def _left_in(path, noise, before, after, floors, gap):
     h = int(np.flatnonzero(np.isfinite(before).any(0)).max(initial=0))
-    sensor, whole = (ahead.rms(ahead.floor(path, n, starts)[gap])[h] for n in (noise.quiet(path), noise))
+    sensor, whole = (ahead.rms(floor)[h] for floor in floors)
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
     missed = ahead.rms(after[usual, h])
     missed = missed if missed > STANDS_OUT * whole else 0.0
@@ -208,8 +209,9 @@ def paying(search, state, starts):
     while state.causes:
         fitter = search.at(state)
         rests, least, now = dropped(fitter, state.fit), ahead.floor(path, state.noise, starts), ahead.after(fitter, state.fit, starts)
+        missed = path.ahead(state.causes, starts, ahead.HORIZONS)
         shares = [
-            _closes(path, state.noise, ahead.after(fitter, rest, starts), now, least, ahead.moved(path, state.causes, rest.causes, starts))
+            _closes(path, state.noise, ahead.after(fitter, rest, starts), now, least, ahead.moved(path, missed, rest.causes, starts))
             for rest in rests
         ]
         shares = [0.0 if _is_tiny(path, cause) else share for cause, share in zip(state.causes, shares)]
@@ -244,7 +246,7 @@ def _halves(J, left, rows):
     scores, told = _scores(J @ R, left, rows)
     told = np.einsum("pi,bij,pj->bp", R, told, R)
     count = told.sum(0) ** 2 / (told**2).sum(0)
-    student = np.where(count > FEWEST, stats.t.ppf(0.975, np.maximum(count - 1, 1)), 0.0)
+    student = np.where(count > FEWEST, special.stdtrit(np.maximum(count - 1, 1), 0.975), 0.0)
     return np.maximum(1.96 * np.sqrt((R**2).sum(1)), student * np.sqrt(((R @ scores.T) ** 2).sum(1)))
 
 

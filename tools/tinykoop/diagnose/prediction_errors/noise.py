@@ -103,6 +103,7 @@ class _Vector:
     def __init__(self, path, coloured):
         self.path, self.coloured = path, coloured
         self.groups = np.unique(path.alike)
+        self.pick = np.searchsorted(self.groups, path.alike)
         g, r = len(self.groups), len(path.usual)
         self.cuts = np.cumsum([g, r, 1])
         finest = [path.finest[path.alike == group].min() for group in self.groups]
@@ -117,11 +118,11 @@ class _Vector:
         return np.clip(z, *np.transpose(self.bounds))
 
     def noise(self, z):
-        sensor, process, tau, rho = np.split(z, self.cuts)
-        pick = np.searchsorted(self.groups, self.path.alike)
+        g, m, t = self.cuts
+        sensor, process, tau, rho = z[:g], z[g:m], z[m:t], z[t:]
         keeps = np.full(len(process), np.exp(-self.path.dt / np.exp(tau[0])))
         rho = rho if self.coloured else np.zeros(len(self.groups))
-        return Noise(np.exp(sensor)[pick], rho[pick], np.exp(process) * self.path.usual, keeps)
+        return Noise(np.exp(sensor)[self.pick], rho[self.pick], np.exp(process) * self.path.usual, keeps)
 
 
 def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):

@@ -1,8 +1,24 @@
 """What the engine asks of a log and its simulator: a platform says the rest."""
 
+from collections import OrderedDict
+
 import numpy as np
 
 from . import noise
+
+
+class Kept:
+    """Arrays that were asked for last, up to so many bytes: a search asks for the same again and again. The last one is always kept."""
+
+    def __init__(self, most):
+        self.most, self.arrays = most, OrderedDict()
+
+    def get(self, key, compute):
+        known = self.arrays.pop(key, None)
+        self.arrays[key] = array = compute() if known is None else known
+        while len(self.arrays) > 1 and len(self.arrays) * array.nbytes > self.most:
+            self.arrays.popitem(last=False)
+        return array
 
 
 class Path:

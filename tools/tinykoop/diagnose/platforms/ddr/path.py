@@ -27,17 +27,17 @@ STEADY = 0.02  # share that commands of one kind vary by
 STARTS = 400  # of predictions
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
+KEPT = 3.2e7  # bytes of steps that are not worked out again
 
 
 def _inside(params, spec):
-    return tuple(float(np.clip(v, p.low, p.high)) for v, p in zip(params, spec))
+    return tuple(float(min(max(v, p.low), p.high)) for v, p in zip(params, spec))
 
 
 def _limits(u, quantiles):
     """Both at once and each alone, at quantiles of the commands' sizes."""
-    out = []
-    for q in quantiles:
-        size = [np.quantile(a, q) if len(a := np.abs(c)[np.abs(c) > 1e-9]) else 0.0 for c in u.T]
+    out, moving = [], (np.abs(c)[np.abs(c) > 1e-9] for c in u.T)
+    for size in zip(*(np.quantile(a, quantiles) if len(a) else np.zeros(len(quantiles)) for a in moving)):
         out += [v for v in ((size[0], size[1]), (size[0], 0.0), (0.0, size[1])) if max(v) > 1e-6]
     return out
 
@@ -121,7 +121,7 @@ class Path(path.Path):
     def _follow(self, X):
         """Takes X (K, 3) as the reference path."""
         K = len(X)
-        self.X = X
+        self.X, self._kept = X, path.Kept(KEPT)
         c, s = np.cos(X[:, 2]), np.sin(X[:, 2])
         self._to_axes = np.zeros((K, 3, 3))
         self._to_axes[:, 0, 0] = self._to_axes[:, 1, 1] = c
@@ -170,6 +170,10 @@ class Path(path.Path):
         return STARTS
 
     def _beside(self, causes):
+        """Where one step with causes ends beside the path (K, 3)."""
+        return self._kept.get((self.variant, tuple(causes)), lambda: self._ends(causes))
+
+    def _ends(self, causes):
         active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
         predicted, _ = self._rollouts.predict(active)
         D = predicted[:, 0] - self.X[self._on + 1]

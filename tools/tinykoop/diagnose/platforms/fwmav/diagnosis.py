@@ -128,8 +128,9 @@ def _channels(found, before, after):
 def _contributions(found):
     """{effect: {H: RMS change, rad, of the attitude predicted H rows ahead, with it}}: what it moves, free of noise."""
     causes, out = found.fit.causes, {}
+    missed = found.path.ahead(causes, found.starts, ahead.HORIZONS)
     for i, cause in enumerate(causes):
-        moved = ahead.moved(found.path, causes, causes[:i] + causes[i + 1 :], found.starts)["attitude"]
+        moved = ahead.moved(found.path, missed, causes[:i] + causes[i + 1 :], found.starts)["attitude"]
         out[cause.name] = dict(zip(map(str, ahead.HORIZONS), map(float, moved)))
     return out
 

@@ -1,6 +1,5 @@
 """The flapping-wing vehicle of host_sim/: what an observer of the simulated one misses of a logged flight."""
 
-from collections import OrderedDict
 from dataclasses import replace
 
 import numpy as np
@@ -73,7 +72,7 @@ class Path(path.Path):
         self.settled = int(self.known.argmax())
         self.present = np.where(self.known, 1.0, np.inf)[:, None] * np.ones(len(CHANNELS))
         self.effects = {key: effect for key, effect in effects().items() if key not in without}
-        self._seen = OrderedDict()
+        self._kept = path.Kept(KEPT)
         self.noises, self.sensor_scale = Healthy(parts, missed), missed[0]
         self._mean = self.noises.mean(self)
         self.noises.allow(self, np.stack([*self._biases(), *self._differ(differ or {})], -1))
@@ -104,12 +103,7 @@ class Path(path.Path):
 
     def innovations(self, causes):
         """Less the mean of healthy ones (K, 9), with causes; 0 where there are none."""
-        causes = tuple(causes)
-        known = self._seen.pop(causes, None)
-        self._seen[causes] = self._missed(acting(causes)) if known is None else known
-        while len(self._seen) > 1 and len(self._seen) * self.present.nbytes > KEPT:
-            self._seen.popitem(last=False)
-        return self._seen[causes]
+        return self._kept.get(tuple(causes), lambda: self._missed(acting(causes)))
 
     def steps(self, trials):
         """Innovations (K, 9, trials), and nothing that readings miss beside."""

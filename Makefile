@@ -30,8 +30,14 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e tools
 	@touch $@
 
+# What tests and comparisons need beside the tools.
+$(VENV)/test-ready: tools/requirements-test.txt $(VENV)/ready
+	@echo "Packages for tests ..."
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-test.txt
+	@touch $@
+
 # The solvers that the controller is compared with: heavy, and needed nowhere else.
-$(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/ready
+$(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/test-ready
 	@echo "Solvers to compare with ..."
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-bench.txt
 	@touch $@
@@ -43,7 +49,7 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too; UPDATE=1: the README's pictures)
 	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)") $(if $(UPDATE),--update)
 
-test: build c-tests ## every test that needs no cross toolchain
+test: build c-tests $(VENV)/test-ready ## every test that needs no cross toolchain
 	@ctest --test-dir $(BUILD)/test --output-on-failure -j $(JOBS)
 	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) --dist loadfile --no-loadscope-reorder test/python
 
@@ -82,10 +88,10 @@ $(VENV)/simulators-ready: tools/requirements-simulators.txt $(VENV)/ready
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-simulators.txt
 	@touch $@
 
-blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## the diagnoser on generated logs whose effect it is not told (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
+blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
 	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
 
-study: build ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
+study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
 	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")
 
 guard: build ## 200 random closed-loop runs, guarded against unguarded: guard.json
@@ -108,7 +114,7 @@ mutants: $(VENV)/ready ## small faults put into lib/: how many the C tests find 
 fuzz: $(VENV)/ready ## libFuzzer on the CSV reader, every public call, sequences of calls (SECONDS= each): fuzz.json
 	@$(TINYKOOP) fuzz $(if $(SECONDS),--seconds "$(SECONDS)")
 
-static: $(VENV)/ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/: static.json
+static: $(VENV)/test-ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/: static.json
 	@$(TINYKOOP) static
 
 soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDATES= in all): soak.json
@@ -123,7 +129,7 @@ determinism: $(VENV)/ready ## the same bits from both compilers, all optimisatio
 flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER=, SET= only one): flags.json
 	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)") $(if $(SET),--set "$(SET)")
 
-sanitize: build c-tests ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
+sanitize: build c-tests $(VENV)/test-ready ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
 	@$(TINYKOOP) sanitize
 
 amalgamate: system ## the drop-in pair tinykoop.c, tinykoop.h (PREFIX=my_ goes before every name) and an Arduino library: amalgamated/

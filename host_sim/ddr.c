@@ -133,7 +133,7 @@ int tk_ddr_simulate(const tk_active *effects, size_t n_effects, int integrator, 
 		if (!isfinite(robot->pose[0] + robot->pose[1] + robot->pose[2] + measured[0] + measured[1] +
 		              measured[2])) {
 			status =
-			    fail("simulation left the finite numbers at t = %g s: check effect parameters and commands",
+			    fail("the simulation diverged (NaN or Inf) at t = %g s: check effect parameters and commands",
 			         (double)(k + 1) * dt);
 		}
 	}

@@ -156,7 +156,7 @@ static int read_header(reader *r, const tk_log *log) {
 	}
 	for (size_t i = 0; i < r->n_columns; i++) {
 		if (find_column(r, r->names[i]) != (int)i && r->names[i][0]) {
-			return fail("%s:1: column '%s' stands there twice (second at column %zu); remove one", r->path,
+			return fail("%s:1: duplicate column '%s' (again at column %zu); remove one", r->path,
 			            r->names[i], i + 1);
 		}
 	}

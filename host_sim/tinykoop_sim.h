@@ -122,7 +122,7 @@ typedef struct tk_noise {
 	const double *coloured, *coloured_rho;      /* c: likewise */
 } tk_noise;
 
-/* The reference path, row by row, begun anew in rows where `begins` is not 0: A (n x n) takes a deviation from it to
+/* The reference path, row by row, begun again in rows where `begins` is not 0: A (n x n) takes a deviation from it to
  * the next row, G (n x r) random motion; variance (c) is that of white sensor noise, infinite where nothing was
  * measured. */
 typedef struct tk_path {
@@ -177,7 +177,7 @@ enum { TK_FWMAV_CORRECTED = 16, TK_FWMAV_SENSED = 9 };
  * TK_FWMAV_SENSED), then the state corrected by gain times what was missed. Servos follow their
  * commands as the log has them: u, and for the other two what the simulated controller makes of the
  * logged attitude. NaN in the first row and after an unusable transition, where the observer begins
- * anew, level with the logged attitude and at rest. From each row starts[i], in rising order, it
+ * again, level with the logged attitude and at rest. From each row starts[i], in rising order, it
  * also runs on by itself: `ahead`, TK_FWMAV_SENSED for every start and each of the rising `steps`, NaN where
  * an unusable transition or the end of the log lies between; may be null. */
 TK_API int tk_fwmav_follow(const tk_active *effects, size_t n_effects, const tk_flown *log, double *predicted,
@@ -313,7 +313,7 @@ TK_API int tk_controller_solve(tk_controller *controller, const double *theta, c
                                const double *reference, double *plan, tk_solution *solution);
 
 /* The library's low-pass in this precision (32 or 64) over x (rows x n), sampled at `rate` (Hz), into y.
- * Begins anew after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN.
+ * Begins again after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN.
  */
 TK_API int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,
                       const int32_t *usable, double *y);

@@ -124,7 +124,7 @@ static int travel(ddr *robot, const tk_recording *log, const stretch *s, place *
 	}
 	for (size_t k = final; k-- > first;) { path[k].last = usable(log, k) ? path[k + 1].last : k; }
 	if (!all_finite(path[final].pose, 3) || !all_finite(path[final].drift, 2)) {
-		return fail("prediction left the finite numbers: check effect parameters and commands");
+		return fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
 	}
 	return TK_OK;
 }

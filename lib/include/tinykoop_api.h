@@ -297,7 +297,7 @@ typedef struct KOOP(lowpass) {
 int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, KOOP_REAL cutoff, KOOP_REAL rate, KOOP_REAL *storage,
                        size_t reals);
 
-/* The next sample begins anew, settled on what it is: after a gap. */
+/* Restarts the filter, settled on the next sample: for use after a gap. */
 int KOOP(lowpass_reset)(KOOP(lowpass) *filter);
 
 /* y (n) = x (n) filtered; y may be x. One step a sample, and only forwards in
@@ -336,7 +336,7 @@ int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size);
  *
  * subject to psi[i+1] = A psi[i] + B u[i] and x = the first n elements of psi
  * (paper, eq. of section "Koopman-MPC with Online Learning", with the input-rate
- * penalty S added). The model is condensed anew at every call, since it is
+ * penalty S added). The model is condensed again at every call, since it is
  * learned at every step. */
 
 typedef struct KOOP(mpc_config) {

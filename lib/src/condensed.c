@@ -1,4 +1,4 @@
-/* The paper's quadratic program, condensed on Theta = [A B] anew at every step.
+/* The paper's quadratic program, condensed on Theta = [A B] again at every step.
  * Paper, section "Koopman-MPC with Online Learning".
  *
  * Time runs backwards: of the inputs v and of the predicted states the last of

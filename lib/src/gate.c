@@ -72,7 +72,7 @@ static COLD int gate_mend(KOOP(gate) *gate, const koop_checksum *now) {
 	       checksum_mend((unsigned char *)gate + GATE_STATE, GATE_STATE_WORDS, 0, &gate->sum, now);
 }
 
-/* What cannot be mended begins anew. */
+/* What cannot be mended begins again. */
 static void gate_verify(KOOP(gate) *gate) {
 	if (!gate->saved.config.checksum) { return; }
 	const koop_checksum now = gate_sum(gate);
@@ -178,7 +178,7 @@ static int gate_is_consistent(const KOOP(gate) *gate, real strain) {
 	return strain < GATE_CONSISTENT * (real)gate->judged;
 }
 
-/* What is usual is learned anew, as after a change. What it was stays known: the change may be a fault that
+/* What is usual is learned again, as after a change. What it was stays known: the change may be a fault that
  * ends. */
 static COLD void gate_begin_usual(KOOP(gate) *gate) {
 	if (!gate->changed) { copy(gate->previous_variance, gate->variance, gate->saved.n_lifted); }
@@ -209,7 +209,7 @@ static COLD int gate_believes(KOOP(gate) *gate) {
 	return 1;
 }
 
-/* What is saved comes back: all of it, but P only once, as it may be P that leads astray, and begun anew
+/* What is saved comes back: all of it, but P only once, as it may be P that leads astray, and begun again
  * where nothing could be learned at all. */
 static COLD void gate_restore(KOOP(gate) *gate, KOOP(rls) *rls, int lost) {
 	if (gate->restored_once) {

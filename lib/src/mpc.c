@@ -25,7 +25,7 @@ static void adopt_free(KOOP(mpc) *mpc, const signed char *wanted) {
 
 /* Chooses the free inputs: all but those at a bound that the way down the slope presses against it.
  * Returns whether they are others than before. A few that no longer are free leave the factor, if
- * none comes back; else it is to be made anew. */
+ * none comes back; else it is to be made again. */
 #define MPC_MOST_DROPPED 8
 
 static int choose_free(KOOP(mpc) *mpc, const real *slope) {

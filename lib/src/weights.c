@@ -1,4 +1,4 @@
-/* The weights of the controller, as Cholesky factors: anew at each solve by Newton's method, so that they
+/* The weights of the controller, as Cholesky factors: again at each solve by Newton's method, so that they
  * may change and a flipped bit does not stay. */
 
 /* Column k of L, on the largest element of the diagonal that is left, if that is above `least`. */

@@ -317,6 +317,10 @@ def main():
         return _run()
     except UserError as error:
         return _refuse(error)
+    except ModuleNotFoundError as error:
+        if error.name.startswith("tinykoop"):
+            raise
+        return _refuse(f"the Python package '{error.name}' is missing: build/venv/bin/pip install -r tools/requirements-test.txt")
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
     except BrokenPipeError:

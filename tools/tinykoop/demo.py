@@ -35,7 +35,7 @@ def gap(out):
 def run(out, log=None, update=False):
     """Learning, control, ablations, precision study and gap diagnosis of the DDR; then a replay of the log, if one is given.
 
-    update: the two pictures of the README are made anew, too.
+    update: the two pictures of the README are made again, too.
     """
     learn.run(out)
     control.run(out)

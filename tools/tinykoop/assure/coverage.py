@@ -146,7 +146,7 @@ def need_tools():
 
 
 def build_and_test(kernel):
-    """Builds anew, so that each figure is of the sources as they are, and runs the C tests; the folder."""
+    """Builds again, so that each figure is of the sources as they are, and runs the C tests; the folder."""
     folder, jobs = BUILD / kernel, os.cpu_count()
     shutil.rmtree(folder, ignore_errors=True)
     flags = f"{FLAGS} -DKOOP_VECTORS={KERNELS[kernel]}"

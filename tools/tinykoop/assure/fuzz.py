@@ -1,7 +1,7 @@
 """libFuzzer with AddressSanitizer and UBSan on the CSV reader, every public call, sequences of calls, stored models.
 
 New inputs are kept in build/fuzz/corpus. `build/venv/bin/python -m tinykoop.assure.fuzz` makes the corpus in test/fuzz/corpus
-anew from these and from itself; what has a name of its own there is the input of a mended finding and stays.
+again from these and from itself; what has a name of its own there is the input of a mended finding and stays.
 """
 
 import os

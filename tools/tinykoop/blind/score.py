@@ -307,7 +307,7 @@ def of(rows, *names):
 
 
 def open_set(rows):
-    """Mean of the share of unknown effects called unknown and of known ones and healthy robots not called so."""
+    """Mean of the share of unknown effects reported as unknown and of known ones and healthy robots not reported so."""
     unknown, wrong = figure(of(rows, *OPEN), "unknown"), figure(of(rows, *CLOSED), "false_unknown")
     return None if None in (unknown["value"], wrong["value"]) else (unknown["value"] + 1 - wrong["value"]) / 2
 
@@ -331,7 +331,7 @@ def must_hold(by):
         ("left out: unknown", of(rows, "left_out"), "unknown", ">=", 0.9),
         ("never in library: unknown", of(rows, "never"), "unknown", ">=", 0.9),
         ("false unknown, known effects in any form and healthy", of(rows, *CLOSED), "false_unknown", "<=", 0.05),
-        ("sure (0.9 or more) and wrong, all logs", rows, "confident_wrong", "<=", 0.02),
+        ("wrong with confidence of 0.9 or more, all logs", rows, "confident_wrong", "<=", 0.02),
         ("gap closed, fresh log, 10 steps, identified", identified, "realised_10", ">=", 0.95),
         ("gap closed, fresh log, 50 steps, identified", identified, "realised_50", ">=", 0.95),
         ("claimed against realised, 10 steps, median", identified, "claim_error_10", "<=", 0.03),

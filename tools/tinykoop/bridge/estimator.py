@@ -245,7 +245,7 @@ class Estimator:
 def lowpass(x, cutoff, rate, precision=64, usable=None):
     """lib/'s low-pass of `cutoff` (Hz) over the columns of x (K, n), sampled at `rate` (Hz), from the past alone.
 
-    Begins anew after transitions that are not usable (K - 1).
+    Begins again after transitions that are not usable (K - 1).
     """
     x = reals(x)
     if x.ndim != 2:

@@ -12,7 +12,7 @@ class Series:
     t: np.ndarray
     x: np.ndarray
     trusted: np.ndarray | None = None  # per sample: the source itself stands by it
-    epoch: np.ndarray | None = None  # per sample: changes where the estimate was set anew, which is no motion
+    epoch: np.ndarray | None = None  # per sample: changes where the estimate was set again, which is no motion
 
 
 class Log:

@@ -56,7 +56,7 @@ def open_log(path, damaged):
     if path.is_dir() and not (path / "metadata.yaml").exists():
         files = parts(path)
         if len(files) != 1:
-            raise UserError(f"{path}: {len(files)} storage files and no metadata.yaml; `ros2 bag reindex` makes it anew")
+            raise UserError(f"{path}: {len(files)} storage files and no metadata.yaml; `ros2 bag reindex` makes it again")
         file = files[0]
     try:
         reader = AnyReader([file], default_typestore=get_typestore(Stores.LATEST))

@@ -49,7 +49,7 @@ class Path:
         return False
 
     def refer(self, causes, noise):
-        """Looks for the path anew with these causes; whether it did. Here it is what was measured."""
+        """Looks for the path again with these causes; whether it did. Here it is what was measured."""
         return False
 
     def tell_hidden(self, noise):

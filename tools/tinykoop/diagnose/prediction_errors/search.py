@@ -6,7 +6,7 @@ from .states import MARGIN, States
 
 MOST = 4  # effects of one explanation
 LIKELY, HIDDEN = 4, 3  # candidates by the noise as it is, and by what the sensor alone makes
-TRIED, CLOSE = 2, 0.6  # of these, for which noise is estimated anew; of the best one's gain, that the next must have
+TRIED, CLOSE = 2, 0.6  # of these, for which noise is estimated again; of the best one's gain, that the next must have
 TURNS = 3  # of more causes and simpler ones
 
 

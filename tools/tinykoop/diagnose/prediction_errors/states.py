@@ -134,7 +134,7 @@ class States:
         return fit
 
     def referred(self, state):
-        """The state along a path that is looked for anew with its causes and noise."""
+        """The state along a path that is looked for again with its causes and noise."""
         if not self.path.refer(state.causes, state.noise):
             return state
         return self._in_turn(self.at(state).fit_of(state.causes))

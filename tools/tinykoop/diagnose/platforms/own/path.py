@@ -234,7 +234,7 @@ class Path(path.Path):
         self.spread = self.reach
 
     def refer(self, causes, noise):
-        """The path anew, with these causes and that noise, and slopes along it."""
+        """The path again, with these causes and that noise, and slopes along it."""
         if self.cut and tuple(causes) == self.at_causes == ():
             return False  # its windows do not depend on random motion
         self._at(causes)
@@ -244,7 +244,7 @@ class Path(path.Path):
         return True
 
     def pass_over(self, good):
-        """Outliers count less in `present` already; a path is looked for anew by refer()."""
+        """Outliers count less in `present` already; a path is looked for again by refer()."""
 
     def _turn(self, noise):
         """The path turned to where it costs least, each time by slopes of its own."""

@@ -8,7 +8,7 @@ TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 
-.PHONY: help system build c-tests demo test learn control transfer ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -65,6 +65,9 @@ control: build ## DDR Koopman-MPC tracking, the paper's table (UPDATE=1: into do
 
 transfer: build ## flapping wing across flight regimes, the paper's table (DATA=dir of own flights, pitch*.csv and yaw*.csv): transfer.json
 	@$(TINYKOOP) transfer $(if $(DATA),--data "$(DATA)")
+
+ledger: build ## the paper's claims, our figures and verdicts, after learn, control, ablate, windup and transfer (UPDATE=1: into docs/paper.md): ledger.json
+	@$(TINYKOOP) ledger $(if $(UPDATE),--update)
 
 ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
 	@$(TINYKOOP) ablate

@@ -13,6 +13,7 @@ from .plumbing.results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
+TABLE = "also write the table into docs/"
 
 # What a shell says of a program that SIGPIPE ends, as `| head` ends those in C. Python ignores the signal: it would end
 # the process in the middle of a write, or where a worker's pipe is gone.
@@ -41,7 +42,7 @@ def _your_log(add):
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
     check.add_argument("--sim", metavar="SIM.csv", help="a run of your simulator under the log's commands, instead of [simulator]")
-    fix = add("patch", "put the effects of a report into a robot's TOML, ros2_control YAML, MJCF or Python file", out=False)
+    fix = add("patch", "put the effects of a report into a TOML, ros2_control YAML, MJCF or Python file", out=False)
     fix.add_argument("report", metavar="report.json")
     fix.add_argument("--into", required=True, metavar="FILE", help=".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .py")
     fix.add_argument("--write", action="store_true", help="change the file; otherwise the change is printed as a diff")
@@ -92,7 +93,8 @@ def _paper(add):
     demo.add_argument("--log", help="replay this log as well")
     demo.add_argument("--update", action="store_true", help="also update the pictures of the README")
     for name, what in (("learn", "one-step learning"), ("control", "Koopman-MPC tracking")):
-        add(name, f"{what} of the DDR, the paper's table").add_argument("--update", action="store_true", help="also write the table into docs/")
+        add(name, f"{what} of the DDR, the paper's table").add_argument("--update", action="store_true", help=TABLE)
+    add("ledger", "the paper's claims, each with our figure and a verdict").add_argument("--update", action="store_true", help=TABLE)
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
     transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")

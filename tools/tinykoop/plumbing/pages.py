@@ -9,9 +9,9 @@ from .results import write_bytes
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def table(title, headers, lines):
-    """Markdown; the first column is text, the others are figures."""
-    cells = [headers, ["---"] + ["---:"] * (len(headers) - 1), *lines]
+def table(title, headers, lines, others="---:"):
+    """Markdown; the first column is text, the others are figures or whatever `others` aligns."""
+    cells = [headers, ["---"] + [others] * (len(headers) - 1), *lines]
     rows = ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in cells]
     return "\n".join([f"**{title}**", "", *rows, ""])
 

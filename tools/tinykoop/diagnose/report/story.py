@@ -9,7 +9,6 @@ from ..elsewhere import AT_END
 from . import figures, words
 from .words import capital, listed, percent, real, title
 
-SURE = 0.9  # a confidence below is said beside the verdict
 COLOURED = 0.95  # noise that correlates as much is hard to tell from slow errors
 WHITE = 0.1  # correlation of noise that counts as none
 MOVES = 0.01  # of the usual rate, from which on random motion is told
@@ -22,6 +21,7 @@ MOST_RIVALS, MOST_RANKED, MOST_REGIONS, MOST_PARTS = 3, 8, 4, 3
 DEGREES = (180 / math.pi, "deg")
 
 GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
+BARS = "RMS errors of predictions. Closed: the share of the gap above the noise floor that is gone, with its 95 % interval in brackets."
 EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "confidence", "active", "remark")
 SCORE = "Score above 1: identified, and needed beside the others. Score below 1: the share that the effect would explain on its own."
 CLOSED = "Closed: the share of the gap above the noise floor that the effects remove on held-out rows; none near the noise."
@@ -140,12 +140,12 @@ class Teller:
         before, after, least = (real(gap[part][key]) for part in ("before", "after", "noise_floor"))
         when = capital(self.ahead(key))
         if not self.effects:
-            return f"{when} the simulator is {size(before)} off{place}, where noise alone makes {size(least)}"
+            return f"{when} the RMS error is {size(before)}{place}; noise alone makes {size(least)}"
         if size(after) == size(before):
-            return f"{when} the error stays at {size(after)}{place}; noise alone makes {size(least)}"
+            return f"{when} the RMS error stays at {size(after)}{place}; noise alone makes {size(least)}"
         if after > before:
-            return f"{when} the error grows from {size(before)} to {size(after)}{place}"
-        return f"{when} the error falls from {size(before)} to {size(after)}{place}; noise alone makes {size(least)}"
+            return f"{when} the RMS error grows from {size(before)} to {size(after)}{place}"
+        return f"{when} the RMS error falls from {size(before)} to {size(after)}{place}; noise alone makes {size(least)}"
 
     # ---- effects -------------------------------------------------------------------------------------
 
@@ -173,7 +173,8 @@ class Teller:
         name = listed([self.title(effect["name"]), *also], "or") + (": this log cannot separate them" if also else "")
         when = self.acts(effect)
         how = "in" if len(effect["segments"]) > words.MOST_SPANS else "from"
-        return f"{self.phrase(effect)} ({name})" + ("" if when == "whole log" else f" {how} {when}")
+        always = "" if all(self.acts(e) == "whole log" for e in self.effects) else " throughout"
+        return f"{self.phrase(effect)} ({name})" + (always if when == "whole log" else f" {how} {when}")
 
     def causes(self):
         """What acts: phrases of a few effects, names of many."""
@@ -271,9 +272,8 @@ class Teller:
             said.append(f"The best fit among the known effects, which is not a diagnosis: {listed(self.phrase(e) for e in best)}.")
         if self.report["verdict"] == "unknown" and self.effects:
             said.append("This is the best fit among the known effects, not a diagnosis.")
-        doubtful = [e for e in self.effects if not real(e["confidence"]) >= SURE and self.report["verdict"] == "known"]
-        if doubtful:
-            said.append(f"Confidence: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in doubtful)}.")
+        if self.report["verdict"] == "known":
+            said.append(f"Confidence: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in self.effects)}.")
         return said
 
     def small(self):
@@ -323,7 +323,8 @@ class Teller:
         causes = () if told else tuple(
             f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}{self._confidence(e)})" for e in self.effects
         )  # fmt: skip
-        return Section("", figures=(self.gap_figure(self.gap, self.size), self.predictions()), sentences=causes)
+        note = BARS if self.effects else ""
+        return Section("", note=note, figures=(self.gap_figure(self.gap, self.size), self.predictions()), sentences=causes)
 
     def _confidence(self, effect):
         return f", confidence {percent(effect['confidence'])}" if self.report["verdict"] != "unknown" else ""

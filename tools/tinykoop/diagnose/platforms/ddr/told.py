@@ -71,8 +71,8 @@ class Drive(Teller):
         shown, kinds = ([before, after], ("before", "after")) if self.effects else ([before], ("before",))
         steps = rows.shape[1] - 1
         worst = np.sort(np.argsort(-np.nan_to_num(error[0]), kind="stable")[: ZOOMS if steps >= SHORTEST else 0])
-        caption = f"Predicted {steps} steps ahead from measured poses, the simulator ends up to {length(np.nanmax(error[0]))} off"
-        caption += f"; with the effects {length(np.nanmax(error[1]))}" if self.effects else ""
+        caption = f"Predicted {steps} steps ahead, the simulator is {length(np.nanmax(error[0]))} off at worst"
+        caption += f", with the effects {length(np.nanmax(error[1]))}" if self.effects else ""
         keys = [("measured", "measured"), ("before", "before" if self.effects else "simulator"), ("after", "after")]
         parts = [figures.legend(0, 14, keys[: 1 + len(shown)]), self._whole(shown, kinds, measured, worst)]
         parts += [self._zoom(i, rows[k, 0], measured[k], [p[k] for p in shown], kinds, len(worst)) for i, k in enumerate(worst)]
@@ -86,6 +86,8 @@ class Drive(Teller):
         reach = [extent(np.r_[path[:, i], shown[0][..., i].ravel()]) for i in (0, 1)]
         panel = Panel((44, 44, WIDTH - 54, 220), *reach, True)
         parts = [panel.frame("x (m)", "y (m)"), panel.line(*path.T, "measured")]
+        for (x, y), text in zip(path[np.isfinite(path).all(1)][[0, -1]], ("start", "end")):
+            parts.append(figures.note(panel.px(x), panel.py(y) - 6, text, "label", "middle"))
         thin = max(1, (measured.shape[1] - 1) // 10)
         for k in range(0, len(measured), max(1, len(measured) // MOST_DRAWN)):
             parts += [panel.line(*p[k, ::thin].T, f"{kind} thin") for p, kind in zip(shown, kinds)]

@@ -1,5 +1,5 @@
 # The front door: a thin layer over CMake and the Python tools. `make` lists the targets.
-# All results go to build/out/.
+# All results go to build/out/. FORMAT=svg,pdf,npz writes plots in these formats, too; npz holds the traces that a plot shows.
 
 PYTHON ?= python3
 BUILD := build
@@ -7,6 +7,7 @@ VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
+export TINYKOOP_FORMAT := $(FORMAT)
 
 .PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers clean
 

@@ -206,6 +206,24 @@ def test_bad_input_is_one_line_and_exit_2(arguments, says, tmp_path):
     assert error.startswith("tinykoop: ") and error.count("\n") == 1
 
 
+def test_plots_are_written_in_other_formats_with_the_traces_that_they_show(tmp_path, monkeypatch):
+    from tinykoop.plumbing import plots
+
+    figure, (left, right) = plots.subplots(1, 2)
+    left.plot([0, 1, 2], [3.0, 4.0, 5.0], label="error")
+    right.barh([0, 1], [0.5, 7.0])
+    monkeypatch.setenv("TINYKOOP_FORMAT", "svg,npz")
+    plots.save(figure, tmp_path / "a.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "a.png", "a.svg"]
+    shown = np.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(shown["panel0: error"], [[0, 3], [1, 4], [2, 5]])
+    np.testing.assert_array_equal(shown["panel1: bars0"], [0.5, 7.0])
+    assert b"<svg" in (tmp_path / "a.svg").read_bytes()
+    monkeypatch.setenv("TINYKOOP_FORMAT", "bmp")
+    with pytest.raises(UserError, match="FORMAT=bmp: plots are written as png, svg, pdf, npz"):
+        plots.save(plots.subplots()[0], tmp_path / "b.png")
+
+
 def test_help_lists_every_command_in_a_group_within_a_terminal():
     help_ = cli.parser().format_help()
     (commands,) = (action.choices for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))

@@ -1,10 +1,13 @@
 """One look for all plots: readable in greyscale, units on every axis."""
 
 import io
+import os
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
+from .errors import UserError
 from .results import write_bytes
 
 LOOK = {
@@ -58,14 +61,47 @@ def patches():
     return matplotlib.patches
 
 
+FORMATS = ("svg", "pdf", "npz")
+
+
+def _formats():
+    """What is written beside the PNG: TINYKOOP_FORMAT, which the Makefile sets from FORMAT=."""
+    wanted = [name for name in os.environ.get("TINYKOOP_FORMAT", "").replace(",", " ").split() if name != "png"]
+    for name in wanted:
+        if name not in FORMATS:
+            raise UserError(f"FORMAT={name}: plots are written as png, {', '.join(FORMATS)}")
+    return wanted
+
+
+def traces(figure):
+    """{panel and label: points (K, 2) of a line or size (K,) of bars}: what a figure shows, in the units of its axes."""
+    found = {}
+    for i, ax in enumerate(figure.axes):
+        for j, line in enumerate(ax.get_lines()):
+            label = line.get_label().lstrip("_") or f"line{j}"
+            found[f"panel{i}: {label}"] = np.column_stack([np.asarray(part, float) for part in line.get_data()])
+        for j, bars in enumerate(ax.containers):
+            found |= {f"panel{i}: bars{j}": np.array(bars.datavalues)} if hasattr(bars, "datavalues") else {}
+    return found
+
+
+def _written(figure, name):
+    image = io.BytesIO()
+    if name == "npz":
+        np.savez_compressed(image, **traces(figure))
+    else:
+        figure.savefig(image, format=name)
+    return image.getvalue()
+
+
 def save(figure, path):
     """Saves and closes the figure."""
-    image = io.BytesIO()
     try:
-        figure.savefig(image, format="png")
+        images = {name: _written(figure, name) for name in ("png", *_formats())}
     finally:
         _pyplot().close(figure)
-    write_bytes(path, image.getvalue())
+    for name, image in images.items():
+        write_bytes(Path(path).with_suffix(f".{name}"), image)
 
 
 def smooth(values, width=50):

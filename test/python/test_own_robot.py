@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop.bridge import followers
+from tinykoop.diagnose import several
 from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.prediction_errors import judge
@@ -261,6 +262,14 @@ def test_a_steering_that_turned_before_the_log_began_is_no_effect(car, tmp_path)
     """What acted in the first window depends on commands that nobody knows."""
     report = own.diagnose(log_of(car, tmp_path, 2, lag=0.12), car).report
     assert [e["name"] for e in report["effects"]] == ["lag:steering"]
+
+
+def test_the_table_of_several_logs_has_a_dash_where_nothing_could_be_measured():
+    nothing = dict.fromkeys(("1", "10", "50"))
+    gap = {"before": nothing | {"1": 0.0123}, "after": nothing | {"1": 0.01}, "closed_fraction": nothing}
+    assert several._line("a/b.csv", {"verdict": "none", "effects": [], "gap": gap}) == ("b.csv", "none", "-", "0.0123", "0.0100", "-")
+    empty = {"before": nothing, "after": nothing, "closed_fraction": nothing}
+    assert several._line("b.csv", {"verdict": "none", "effects": [], "gap": empty})[3:] == ("-", "-", "-")
 
 
 def test_several_logs_get_a_report_each_and_one_table(car, tmp_path):

@@ -124,6 +124,14 @@ def test_a_patched_robot_has_the_gap_that_was_claimed(lagging):
     assert abs(closed - claimed["gap"]["closed_fraction"]["50"]) < 0.02 and again["verdict"] == "none"
 
 
+def test_what_the_log_cannot_separate_is_said_beside_the_patch(tmp_path, capsys):
+    path = report_of(tmp_path, drive(yaw_gain={"b": 0.25}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"ambiguous_with": {"yaw_gain": ["clock_scale"]}}))
+    (tmp_path / "controller.yaml").write_text(YAML)
+    patch.run(path, tmp_path / "controller.yaml")
+    assert "yaw_gain may as well be clock_scale" in capsys.readouterr().out
+
+
 def test_without_write_the_file_stays_and_the_change_is_shown(tmp_path, capsys):
     into = tmp_path / "controller.yaml"
     into.write_text(YAML)

@@ -27,9 +27,10 @@ def _folders(logs, out):
 def _line(log, report):
     effects = "; ".join(f"{e['name']} {', '.join(f'{k} {v:.3g}' for k, v in e['params'].items())}" for e in report["effects"])
     gap = report["gap"]
-    last = list(gap["before"])[-1]
-    closed = gap["closed_fraction"][last]
-    return Path(log).name, report["verdict"], effects or "-", f"{gap['before'][last]:.3g}", f"{gap['after'][last]:.3g}", words.percent(closed)
+    last = max((key for key, value in gap["before"].items() if value is not None), key=int, default=None)
+    before, after, closed = (gap[part][last] if last else None for part in ("before", "after", "closed_fraction"))
+    sizes = (words.plain(words.real(value), 3) for value in (before, after))
+    return Path(log).name, report["verdict"], effects or "-", *sizes, words.percent(closed)
 
 
 def run(logs, out, options, jobs=None, cluster=None):

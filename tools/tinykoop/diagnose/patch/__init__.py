@@ -40,9 +40,12 @@ def patched(report, path):
 def run(report_file, into, write=False):
     """Prints the change as a diff; with `write` makes it."""
     into = Path(into)
-    text, new = patched(_report(report_file), into)
+    report = _report(report_file)
+    text, new = patched(report, into)
     lines = [part.splitlines(keepends=True) for part in (text, new)]
     console.print("".join(difflib.unified_diff(*lines, printable(into), printable(into))), markup=False, highlight=False, soft_wrap=True)
+    for name, others in report.get("ambiguous_with", {}).items():
+        say(f"{name} may as well be {' or '.join(others)}: the log cannot separate them.")
     if write:
         write_bytes(into, new.encode())
         say(f"Written: {printable(into)}. Diagnose a fresh log with it to see that the gap closes.")

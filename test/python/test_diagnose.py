@@ -2,6 +2,7 @@
 
 import functools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tinykoop.diagnose import elsewhere
 from tinykoop.diagnose.platforms import ddr
 from tinykoop.diagnose.platforms.ddr import diagnose
 from tinykoop.diagnose.prediction_errors.fit import Cause
+from tinykoop.plumbing.errors import UserError
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
 SP, ST = 0.004, 0.004  # m, rad
@@ -463,6 +465,28 @@ def test_effect_of_a_part_acts_on_a_fresh_log_all_along_or_not_at_all(acts):
     assert report["fresh"]["gap"]["after"]["50"] < 1.1 * report["fresh"]["gap"]["noise_floor"]["50"]
     said = " ".join(ddr.Teller(result).asides())
     assert f"on the fresh log it is taken {'to act throughout' if acts else 'not to act'}" in said
+
+
+@pytest.mark.parametrize("changed", [True, False])
+def test_what_the_healthy_robot_has_belongs_to_the_simulator(changed):
+    """A robot that always lagged: the question is what has changed since."""
+    lag = bridge.Effect("actuator_lag", (0.25,))
+    before = [log_of(drive(500, seed), [lag], seed=seed) for seed in (3, 4)]
+    result = diagnose(log_of(drive(SHORT, 5), [lag, *([bridge.Effect("yaw_gain", (0.12,))] * changed)], seed=5), healthy=before)
+    (known,) = result.report["healthy"]["effects"]
+    assert known["name"] == "actuator_lag" and abs(known["params"]["tau"] - 0.25) < 0.01
+    said = ddr.Teller(result).sentence()
+    if changed:
+        assert list(effects_of(result.report)) == ["yaw_gain"] and "since the healthy logs" in said
+        assert result.report["gap"]["before"]["50"] < 0.5 * diagnose(result.log).report["gap"]["before"]["50"]
+    else:
+        assert result.report["verdict"] == "none" and "nothing has changed since the healthy logs" in said
+
+
+def test_healthy_logs_of_another_rate_are_refused():
+    other = replace(log_of(drive(300)), dt=0.1)
+    with pytest.raises(UserError, match="every 0.1 s there and every 0.05 s in the log"):
+        diagnose(log_of(drive(300)), healthy=[other])
 
 
 def test_battery_sags_as_fast_on_a_fresh_log_of_another_length():

@@ -5,7 +5,7 @@ import pytest
 from scipy import linalg, signal
 from tinykoop import bridge
 from tinykoop.diagnose.platforms.fwmav import diagnosis, vehicle
-from tinykoop.diagnose.platforms.fwmav.baseline import simulated
+from tinykoop.diagnose.platforms.fwmav.baseline import of_vehicle, simulated
 from tinykoop.diagnose.platforms.fwmav.path import Path
 from tinykoop.diagnose.prediction_errors import ahead
 from tinykoop.diagnose.prediction_errors.healthy import LAGS, Whitener
@@ -291,6 +291,14 @@ def test_flight_in_shreds_is_refused(tmp_path):
     path.write_text("\n".join([header + ",seg", *(f"{row},{i // 90}" for i, row in enumerate(rows))]) + "\n")
     with pytest.raises(UserError, match="nowhere are 1.5 s in a row usable"):
         diagnosis.load(path)
+
+
+def test_parts_of_all_healthy_flights_show_the_noise():
+    logs = [bridge.fwmav(manoeuvre, 14, seed)[0] for manoeuvre, seed in (("hover", 61), ("pitch", 62))]
+    each, both = [of_vehicle([log], ()) for log in logs], of_vehicle(logs, ())
+    assert len(both.flights) == sum(len(one.flights) for one in each) >= 4
+    mean = np.sqrt(np.mean([one.shaking**2 for one in each], axis=0))
+    np.testing.assert_allclose(both.shaking, mean, rtol=0.02)
 
 
 def test_unknown_effect_is_refused():

@@ -21,7 +21,7 @@ def carry(causes, parameters, logs, cost):
     What came or went on the first log acts all along on the second or not at all, whichever costs less there; a loss
     grows as fast as on the first. parameters: {name: (Parameter, ..)}. cost(causes): misfit of the second log.
     """
-    along = [replace(_as_fast(cause, parameters[cause.name], *map(seconds, logs)), segments=ALWAYS) for cause in causes]
+    along = [replace(as_fast(cause, parameters[cause.name], *map(seconds, logs)), segments=ALWAYS) for cause in causes]
     choices = product(*((True,) if cause.segments == ALWAYS else (True, False) for cause in causes))
     return list(zip(along, min(choices, key=lambda acts: cost(acting(zip(along, acts))))))
 
@@ -38,7 +38,7 @@ def told(carried, parameters):
     ]
 
 
-def _as_fast(cause, parameters, own, other):
+def as_fast(cause, parameters, own, other):
     """The cause with its loss after `other` seconds; own: seconds of the log that it was fitted to."""
     acted = np.mean([min(t1, own) - max(t0, 0.0) for t0, t1 in cause.segments])
     grown = [float(np.clip(v * (other / acted), p.low, p.high)) if p.name == AT_END else v for v, p in zip(cause.params, parameters)]

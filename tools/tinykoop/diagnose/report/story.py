@@ -176,6 +176,11 @@ class Teller:
         always = "" if all(self.acts(e) == "whole log" for e in self.effects) else " throughout"
         return f"{self.phrase(effect)} ({name})" + (always if when == "whole log" else f" {how} {when}")
 
+    @property
+    def since(self):
+        """Whether the question was what has changed since logs of the healthy robot."""
+        return self.report.get("healthy", {}).get("logs", 0) > 0
+
     def causes(self):
         """What acts: phrases of a few effects, names of many."""
         if len(self.effects) <= MOST_PHRASES:
@@ -204,7 +209,8 @@ class Teller:
         if verdict == "none":
             return f"No gap: {self.nothing()}. {capital(self._none())}."
         if verdict == "known":
-            return f"Cause identified{' in part' if self.left['matters'] else ''}: {self.causes()}. {capital(self.closing())}."
+            since = "since the healthy logs, " * self.since
+            return f"Cause identified{' in part' if self.left['matters'] else ''}: {since}{self.causes()}. {capital(self.closing())}."
         if not self.effects:
             off = f"Beyond noise the simulator is off by {self.size(self.left['of_gap'])}"
             return f"Cause not identified. {off}. {self.unexplained('The gap')}."
@@ -212,7 +218,7 @@ class Teller:
         return f"Cause not identified. With {names}, {self._closed_in_part()}. {self.unexplained('The rest')}."
 
     def nothing(self):
-        return f"the simulator matches this {self.log} to within its noise"
+        return "nothing has changed since the healthy logs" if self.since else f"the simulator matches this {self.log} to within its noise"
 
     def closing(self):
         """How far the effects close the gap."""

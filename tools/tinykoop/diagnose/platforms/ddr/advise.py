@@ -41,9 +41,10 @@ def drives(u, dt):
 
 def _driven(path, noise, u, name, params):
     """A Fitter on drive u (K, 2) of a robot with this effect, free of noise but judged by that of the log."""
-    x = bridge.simulate(u[:-1], path.dt, active=[bridge.Effect(name, params)], integrator=path.integrator)
+    active = [bridge.Effect(c.name, c.params) for c in (*path.base, Cause(name, params))]
+    x = bridge.simulate(u[:-1], path.dt, active=active, integrator=path.integrator)
     log = bridge.Log(np.arange(len(x)) * path.dt, x, u, np.ones(len(x) - 1, bool), path.dt)
-    return Fitter(Path(log, variant=path.variant), noise)
+    return Fitter(Path(log, variant=path.variant, base=path.base), noise)
 
 
 def _alone(fitter, rival):

@@ -4,15 +4,19 @@ import numpy as np
 
 from .... import bridge
 from ....plumbing.errors import UserError
-from ...diagnosis import Diagnosis, on_fresh, open_questions, report_of
+from ...diagnosis import Diagnosis, on_fresh, open_questions, report_of, told
+from ...elsewhere import as_fast, seconds
 from ...prediction_errors import ahead
 from ...prediction_errors.answer import answer
+from ...prediction_errors.fit import ALWAYS
+from ...prediction_errors.search import Search
 from ...robot import check_effects
 from . import advise, where
 from .path import Path, name
 from .path import effects as library
 
 FEWEST_ROWS, FEWEST = 60, 6  # usable transitions of a log, and in a row
+SAME_RATE = 0.02  # by which logs of one robot may differ in their step of time
 
 
 def load(path):
@@ -31,9 +35,7 @@ def load(path):
 
 def read(path, fresh=None, healthy=(), robot=name, sim=None):
     """(the log, what diagnose() takes beside it)."""
-    if healthy:
-        raise UserError("--healthy: only the flapping wing is fitted to a healthy log; leave it out, or add --platform fwmav")
-    return load(path), {"fresh": load(fresh) if fresh else None}
+    return load(path), {"fresh": load(fresh) if fresh else None, "healthy": [load(file) for file in healthy]}
 
 
 def _longest(usable):
@@ -49,14 +51,37 @@ def _contributions(found):
     return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, without - whole))) for c, without in zip(found.fit.causes, rest)}
 
 
-def diagnose(log, fresh=None, without=(), seed=0):
-    """The Diagnosis of a log (bridge.Log); fresh: another log of the robot, on which nothing is fitted."""
-    path = Path(log, without)
+def _joined(logs):
+    """Several logs one after the other, with no transition between them."""
+    x, u = (np.concatenate([getattr(log, name) for log in logs]) for name in "xu")
+    usable = np.concatenate([np.append(log.usable, False) for log in logs])[:-1]
+    return bridge.Log(np.arange(len(x)) * logs[0].dt, x, u, usable, logs[0].dt)
+
+
+def _healthy(logs, log):
+    """Causes that explain logs of the healthy robot, as they act on another log: what came or went there is none of them."""
+    if not logs:
+        return ()
+    if max(abs(other.dt / log.dt - 1) for other in logs) > SAME_RATE:
+        raise UserError(f"--healthy: rows come every {logs[0].dt:.4g} s there and every {log.dt:.4g} s in the log; give logs of one rate")
+    whole = _joined(logs)
+    path = Path(whole)
+    causes = [cause for cause in Search(path).run().causes if cause.segments == ALWAYS]
+    return tuple(as_fast(c, path.effects[c.name].parameters, *map(seconds, (whole, log))) for c in causes)
+
+
+def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
+    """The Diagnosis of a log (bridge.Log).
+
+    fresh: another log of the robot, on which nothing is fitted; healthy: logs of the healthy robot, from which on a change counts.
+    """
+    path = Path(log, without, base=_healthy(healthy, log))
     check_effects(without, library(path.u))
     found = answer(path)
     pairs, hidden = open_questions(found)
     advice = advise.advise(path, found.fitter, pairs, hidden)
     report = {"platform": name} | report_of(found, where.located(found), hidden, seed=seed) | {
+        "healthy": {"logs": len(healthy), "effects": [told(path, cause) for cause in path.base]},
         "contributions": _contributions(found),
         "integrator": path.variants[path.variant],
         "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
@@ -68,5 +93,5 @@ def diagnose(log, fresh=None, without=(), seed=0):
         report["log"]["searched_rows"] = len(path.rows)
     result = Diagnosis(report, found, {"drive": advice[2] if advice else None})
     if fresh is not None:
-        report["fresh"] = on_fresh(result, Path(fresh, variant=path.variant))
+        report["fresh"] = on_fresh(result, Path(fresh, variant=path.variant, base=path.base))
     return result

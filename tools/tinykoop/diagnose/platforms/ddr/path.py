@@ -82,7 +82,10 @@ def _short(angle):
 
 
 class Path(path.Path):
-    """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading."""
+    """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading.
+
+    base: Causes that belong to the simulator, as those of the healthy robot do.
+    """
 
     channels = ("longitudinal", "lateral", "heading")
     sensors = {"position": ("m", 0), "heading": ("rad", 2)}
@@ -94,8 +97,8 @@ class Path(path.Path):
     command_names = ("v", "omega")
     variants = tuple(title for title, _ in VARIANTS)
 
-    def __init__(self, log, without=(), variant=0):
-        self.log, self.dt, self.variant = log, log.dt, variant
+    def __init__(self, log, without=(), variant=0, base=()):
+        self.log, self.dt, self.variant, self.base = log, log.dt, variant, tuple(base)
         self.u = log.u if len(log.u) == len(log.x) else np.vstack([log.u, log.u[-1:]])
         self.effects = {key: effect for key, effect in effects(self.u).items() if key not in without}
         self.rows = _stretches(len(log.x))
@@ -173,9 +176,11 @@ class Path(path.Path):
         """Where one step with causes ends beside the path (K, 3)."""
         return self._kept.get((self.variant, tuple(causes)), lambda: self._ends(causes))
 
+    def _active(self, causes):
+        return [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in (*self.base, *causes) for a, b in c.segments]
+
     def _ends(self, causes):
-        active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
-        predicted, _ = self._rollouts.predict(active)
+        predicted, _ = self._rollouts.predict(self._active(causes))
         D = predicted[:, 0] - self.X[self._on + 1]
         D[:, 2] = _short(D[:, 2])
         out = np.zeros((len(self.X), 3))
@@ -191,9 +196,8 @@ class Path(path.Path):
 
     def predicted(self, causes, starts, steps):
         """(poses (S, H, 3), measured less predicted (S, H, 3)) so many steps after rows of the log."""
-        active = [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in causes for a, b in c.segments]
         rollouts = bridge.Rollouts(self.log.x, self.u, self.dt, starts, steps, self.log.usable, VARIANTS[self.variant][1])
-        return tuple(values.copy() for values in rollouts.predict(active))
+        return tuple(values.copy() for values in rollouts.predict(self._active(causes)))
 
     def smallest_of(self, gap, noise, rows=50):
         """A gap that matters, m or rad, that many rows ahead."""

@@ -126,15 +126,20 @@ def followed(log, active):
     return missed
 
 
-def of_vehicle(log, base):
-    """The Baseline of a healthy flight of the vehicle, which the simulator follows with the effects `base`.
+def of_vehicle(logs, base):
+    """The Baseline of healthy flights of the vehicle, which the simulator follows with the effects `base`.
 
-    Its parts count as flights: by as much as they differ, other flights will.
+    Parts of a flight count as flights: by as much as they differ, other flights will.
     """
+    parts = [part for log in logs for part in _parts(log)]
+    return _of(base, [(part, followed(part, base)) for part in parts])
+
+
+def _parts(log):
+    """A log cut into parts, each of which can be predicted; the whole one where there are none."""
     count = max(2, int((len(log.x) - 1) * log.dt / PART))
     edges = np.arange(count + 1) * (len(log.x) - 1) // count
-    parts = [part for part in (_part(log, a, b + 1) for a, b in zip(edges, edges[1:])) if len(predictable(part))]
-    return _of(base, [(part, followed(part, base)) for part in parts or [log]])
+    return [part for part in (_part(log, a, b + 1) for a, b in zip(edges, edges[1:])) if len(predictable(part))] or [log]
 
 
 def _part(log, first, last):

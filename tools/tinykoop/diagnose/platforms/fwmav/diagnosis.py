@@ -47,10 +47,7 @@ def load(path):
 
 def read(path, fresh=None, healthy=(), robot=name, sim=None):
     """(the log, what diagnose() takes beside it)."""
-    if len(healthy) > 1:
-        raise UserError("--healthy: the flapping wing is fitted to one healthy log; give the longest")
-    log, fresh, own = (load(file) if file else None for file in (path, fresh, *healthy, None)[:3])
-    return log, {"fresh": fresh, "own": own}
+    return load(path), {"fresh": load(fresh) if fresh else None, "healthy": [load(file) for file in healthy]}
 
 
 def _shaken(log, healthy):
@@ -68,20 +65,20 @@ def _shaken(log, healthy):
     return found, healthy, [(during & ~kicked, shaken.whitener), (~during & ~kicked, healthy.whitener)]
 
 
-def baseline_of(log):
-    """The Baseline of the vehicle that a healthy flight shows: noise and effects by turns, as each is known from the other."""
-    own = plain = of_vehicle(log, ())
+def baseline_of(logs):
+    """The Baseline of the vehicle that healthy flights show: noise of all and effects of the longest, each known from the other, by turns."""
+    own, longest = of_vehicle(logs, ()), max(logs, key=lambda log: len(log.x))
+    plain = own
     for _ in range(TURNS):
-        found = Search(plain.path(log, [(np.ones(len(log.x), bool), own.whitener)], differ={})).run()
-        own = of_vehicle(log, acting(found.causes))
+        found = Search(plain.path(longest, [(np.ones(len(longest.x), bool), own.whitener)], differ={})).run()
+        own = of_vehicle(logs, acting(found.causes))
     return own
 
 
-def diagnose(log, fresh=None, without=(), own=None):
-    """The Diagnosis of a flight (bridge.Log); own: a healthy flight of this vehicle, which else is the simulated one."""
+def diagnose(log, fresh=None, without=(), healthy=()):
+    """The Diagnosis of a flight (bridge.Log); healthy: flights of this vehicle, which else is the simulated one."""
     check_effects(without, bridge.effects(name))
-    healthy = baseline_of(own) if own is not None else simulated()
-    shaking, noise, parts = _shaken(log, healthy)
+    shaking, noise, parts = _shaken(log, baseline_of(healthy) if healthy else simulated())
     if "vibration" in without:
         shaking = None
     found = answer(noise.path(log, parts, without))
@@ -95,7 +92,7 @@ def diagnose(log, fresh=None, without=(), own=None):
         "channels": _channels(found, *missed),
         "contributions": _contributions(found),
         "suggested_excitation": f"{advice['drive']}: {advice['words']}" if advice else "",
-        "vehicle": "own" if own is not None else "simulated",
+        "vehicle": "own" if healthy else "simulated",
         "axis": "yaw" if turns_yaw(log) else "pitch",
         "advice": advice,
     }  # fmt: skip

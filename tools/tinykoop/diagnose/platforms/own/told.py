@@ -16,12 +16,6 @@ class Own(Teller):
         values = listed(f"{name} = {words.quantity(value, effect['units'][name])}" for name, value in effect["params"].items())
         return f"{effect['formula']} with {values}"
 
-    def causes(self):
-        return ("since the healthy logs, " if self.report["healthy"]["logs"] else "") + super().causes()
-
-    def nothing(self):
-        return "nothing has changed since the healthy logs" if self.report["healthy"]["logs"] else super().nothing()
-
     def asides(self):
         said = super().asides()
         if self.report["time_step"]["matters"]:

@@ -9,7 +9,7 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 
-.PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers clean
+.PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -149,6 +149,12 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 
 packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig
 	@$(VENV)/bin/python -m pytest -q -rs test/python/test_drop_in.py
+
+docs: | system ## the docs as a site with the reference of the C interface, links checked: build/site
+	@test -x $(BUILD)/docs-venv/bin/mkdocs || $(PYTHON) -m venv $(BUILD)/docs-venv
+	@$(BUILD)/docs-venv/bin/pip install $(PIP_OPTIONS) -r tools/requirements-docs.txt
+	@$(BUILD)/docs-venv/bin/mkdocs build --quiet
+	@echo "The site is in $(BUILD)/site: open $(BUILD)/site/index.html"
 
 clean: ## removes build/
 	@rm -rf $(BUILD)

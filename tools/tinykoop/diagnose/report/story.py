@@ -215,7 +215,7 @@ class Teller:
             off = f"Beyond noise the simulator is off by {self.size(self.left['of_gap'])}"
             return f"Cause not identified. {off}. {self.unexplained('The gap')}."
         names = listed(self.title(effect["name"]) for effect in self.effects)
-        return f"Cause not identified. With {names}, {self._closed_in_part()}. {self.unexplained('The rest')}."
+        return f"Cause not identified. {capital(names)} would explain {self._in_part()}. {self.unexplained('The rest')}."
 
     def nothing(self):
         return "nothing has changed since the healthy logs" if self.since else f"the simulator matches this {self.log} to within its noise"
@@ -231,14 +231,14 @@ class Teller:
             return f"the gap is about the noise ({before} against {least}, {self.ahead(key)}), so no percentage is given"
         return f"adding {them} closes {percent(self.gap['closed_fraction'][key])} of the gap ({self.shrinks(self.gap, key)})"
 
-    def _closed_in_part(self):
-        """What effects that are not the whole cause do: the smaller one of what they close and what they explain."""
+    def _in_part(self):
+        """What effects that are not the whole cause explain: the smaller one of what they close and what they leave."""
         key, explained = self.horizon(self.gap), 1 - real(self.left["share"])
         if key is None:
-            return f"{percent(explained)} of the gap is explained"
+            return f"{percent(explained)} of the gap"
         closed = real(self.gap["closed_fraction"][key])
         part = min(explained, closed) if math.isfinite(closed) else explained
-        return f"{percent(part)} of the gap closes ({self.shrinks(self.gap, key)})"
+        return f"{percent(part)} of the gap: the error falls from {self.shrinks(self.gap, key)}"
 
     def _none(self):
         key = self.horizon(self.gap)

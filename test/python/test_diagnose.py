@@ -464,7 +464,7 @@ def test_effect_of_a_part_acts_on_a_fresh_log_all_along_or_not_at_all(acts):
     assert report["fresh"]["gap"]["after"]["50"] == pytest.approx(np.sqrt((off[..., :2] ** 2).sum(-1).mean()), rel=0.03)
     assert report["fresh"]["gap"]["after"]["50"] < 1.1 * report["fresh"]["gap"]["noise_floor"]["50"]
     said = " ".join(ddr.Teller(result).asides())
-    assert f"on the fresh log it is taken {'to act throughout' if acts else 'not to act'}" in said
+    assert f"On the fresh log yaw gain is assumed {'to act throughout' if acts else 'not to act'}" in said
 
 
 @pytest.mark.parametrize("changed", [True, False])

@@ -102,7 +102,7 @@ def test_effect_that_sets_in_acts_on_a_fresh_flight_all_along(trim):
     (effect,) = trim.report["fresh"]["effects"]
     assert effect == {"name": "trim_bias", "params": trim.report["effects"][0]["params"], "acts": True}
     assert trim.report["fresh"]["gap"]["closed_fraction"]["50"] > 0.5
-    assert "on the fresh log it is taken to act throughout" in read(trim).text
+    assert "On the fresh log trim bias is assumed to act throughout" in read(trim).text
 
 
 def test_effect_that_set_in_is_left_out_of_a_healthy_fresh_flight():

@@ -331,7 +331,8 @@ def test_no_percentage_near_the_noise(lag):
 def test_unknown_does_not_claim_more_than_it_explains(lag):
     gap = {**lag.report["gap"], "closed_fraction": {"1": 1.0, "10": 1.0, "50": 1.0}}
     left = {**lag.report["unexplained"], "share": 0.4, "matters": True}
-    assert " 60 % of the gap" in ddr.Teller(changed(lag, verdict="unknown", gaps={"position": gap}, unexplained=left)).sentence()
+    said = ddr.Teller(changed(lag, verdict="unknown", gaps={"position": gap}, unexplained=left)).sentence()
+    assert said.startswith("Cause not identified. The best fit, actuator lag, lets the error fall from ") and "%" not in said
 
 
 def test_effects_that_harm_on_the_fresh_log_are_not_recommended(lag):

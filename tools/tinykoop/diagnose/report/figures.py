@@ -183,8 +183,8 @@ def gap(rows, values, size, with_effects, label):
     for key, (name, _, _, _, closed, spread) in zip(values["before"], rows):
         spread = f" ({spread})" if spread != "-" else ""
         entries.append((f"{name} ahead" + (f": {closed} closed{spread}" if closed != "-" else ""),))
-        kinds = [("before", "before" if with_effects else "simulator", "bar-before"), ("noise_floor", "noise floor", "bar-floor")]
-        for part, text, kind in kinds[:1] + [("after", "after", "bar-after")] * with_effects + kinds[1:]:
+        kinds = [("before", "simulator", "bar-before"), ("noise_floor", "noise floor", "bar-floor")]
+        for part, text, kind in kinds[:1] + [("after", "with effects", "bar-after")] * with_effects + kinds[1:]:
             value = words.real(values[part][key])
             entries.append((text, value, size(value), kind))
     return bars(entries, label)
@@ -197,8 +197,7 @@ def over_time(t, errors, ends, segments, acts, label, error):
     time shown; segments: [(t0, t1, share of the gap)], if any; acts: [(text, [(t0, t1)])] of each effect.
     """
     left, width, with_effects = 44, WIDTH - 60, len(errors) == 3
-    keys = [("before noisy", "before"), ("after", "after"), ("floor", "noise floor")]
-    keys = keys if with_effects else [("before noisy", "simulator"), keys[2]]
+    keys = [("before noisy", "simulator"), *[("after", "with effects")] * with_effects, ("floor", "noise floor")]
     panel = Panel((left, 52, width, 150), ends, (0, extent(np.concatenate(errors))[1]))
     alone = not (segments or acts)
     parts = [legend(0, 14, keys), panel.frame("time (s)" if alone else None, error)]

@@ -21,7 +21,7 @@ MOST_RIVALS, MOST_RANKED, MOST_REGIONS, MOST_PARTS = 3, 8, 4, 3
 DEGREES = (180 / math.pi, "deg")
 
 GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
-BARS = "RMS errors of predictions. Closed: the share of the gap above the noise floor that is gone, with its 95 % interval in brackets."
+BARS = "RMS errors of predictions. Closed: the share of the gap above the noise floor that is gone, with its 95 % interval in parentheses."
 EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "confidence", "active", "remark")
 SCORE = "Score above 1: identified, and needed beside the others. Score below 1: the share that the effect would explain on its own."
 CLOSED = "Closed: the share of the gap above the noise floor that the effects remove on held-out rows; none near the noise."
@@ -210,12 +210,13 @@ class Teller:
             return f"No gap: {self.nothing()}. {capital(self._none())}."
         if verdict == "known":
             since = "since the healthy logs, " * self.since
-            return f"Cause identified{' in part' if self.left['matters'] else ''}: {since}{self.causes()}. {capital(self.closing())}."
+            one = "Causes" if len(self.effects) > 1 else "Cause"
+            return f"{one} identified{' in part' if self.left['matters'] else ''}: {since}{self.causes()}. {capital(self.closing())}."
         if not self.effects:
             off = f"Beyond noise the simulator is off by {self.size(self.left['of_gap'])}"
             return f"Cause not identified. {off}. {self.unexplained('The gap')}."
         names = listed(self.title(effect["name"]) for effect in self.effects)
-        return f"Cause not identified. {capital(names)} would explain {self._in_part()}. {self.unexplained('The rest')}."
+        return f"Cause not identified. {self._best_fit(names)}. {self.unexplained('The rest')}."
 
     def nothing(self):
         return "nothing has changed since the healthy logs" if self.since else f"the simulator matches this {self.log} to within its noise"
@@ -231,14 +232,11 @@ class Teller:
             return f"the gap is about the noise ({before} against {least}, {self.ahead(key)}), so no percentage is given"
         return f"adding {them} closes {percent(self.gap['closed_fraction'][key])} of the gap ({self.shrinks(self.gap, key)})"
 
-    def _in_part(self):
-        """What effects that are not the whole cause explain: the smaller one of what they close and what they leave."""
-        key, explained = self.horizon(self.gap), 1 - real(self.left["share"])
-        if key is None:
-            return f"{percent(explained)} of the gap"
-        closed = real(self.gap["closed_fraction"][key])
-        part = min(explained, closed) if math.isfinite(closed) else explained
-        return f"{percent(part)} of the gap: the error falls from {self.shrinks(self.gap, key)}"
+    def _best_fit(self, names):
+        """How far effects that are not the cause would let the error fall."""
+        key = self.horizon(self.gap)
+        how = f"lets the error fall from {self.shrinks(self.gap, key)}" if key else "could not be measured"
+        return f"The best fit, {names}, {how}"
 
     def _none(self):
         key = self.horizon(self.gap)
@@ -291,7 +289,7 @@ class Teller:
         """On what the effects were tried."""
         if "fresh" in self.report:
             return [self._on_fresh(), *self._carried()]
-        return ["Validated on held-out rows of this log, not on a fresh log."] if self.effects else []
+        return ["Checked on held-out rows of this log only, not on a fresh log."] if self.effects else []
 
     def _carried(self):
         """When effects of a part of the log act on the fresh one, and how large one grows that grows with time."""
@@ -300,7 +298,7 @@ class Teller:
             name, on = self.title(effect["name"]), there.get(effect["name"])
             if on and (self.acts(effect) != "whole log" or not on["acts"]):
                 how = "to act throughout" if on["acts"] else "not to act"
-                said.append(f"{capital(name)} acts in a part of this log; on the fresh log it is taken {how}, which fits better.")
+                said.append(f"On the fresh log {name} is assumed {how}, which predicts that log better; its size is that of this log.")
             if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
                 said.append(f"On the fresh log {name} is taken to grow as fast, to {words.percent_of(on['params'][AT_END])} at its end.")
         return said
@@ -534,7 +532,7 @@ class Teller:
         """(what the advised experiment tells, in a sentence or none; the names of what it does not)."""
         separation = [(self.title(question), real(value)) for question, value in self.report["advice"]["separation"].items()]
         told = [f"{question} ({value:.2g})" for question, value in separation if value >= HIDDEN]
-        said = f"It decides {listed(told)}, in brackets by how many noise sigma per row."
+        said = f"It decides {listed(told)}, in parentheses by how many noise sigma per row."
         return [said] * bool(told), [question for question, value in separation if not value >= HIDDEN]
 
     def measured(self):

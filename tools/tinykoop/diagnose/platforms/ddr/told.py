@@ -73,7 +73,7 @@ class Drive(Teller):
         worst = np.sort(np.argsort(-np.nan_to_num(error[0]), kind="stable")[: ZOOMS if steps >= SHORTEST else 0])
         caption = f"Predicted {steps} steps ahead, the simulator is {length(np.nanmax(error[0]))} off at worst"
         caption += f", with the effects {length(np.nanmax(error[1]))}" if self.effects else ""
-        keys = [("measured", "measured"), ("before", "before" if self.effects else "simulator"), ("after", "after")]
+        keys = [("measured", "measured"), ("before", "simulator"), ("after", "with effects")]
         parts = [figures.legend(0, 14, keys[: 1 + len(shown)]), self._whole(shown, kinds, measured, worst)]
         parts += [self._zoom(i, rows[k, 0], measured[k], [p[k] for p in shown], kinds, len(worst)) for i, k in enumerate(worst)]
         return caption, figures.svg(322 + (WIDTH - 44) / ZOOMS if len(worst) else 310, caption, *parts)

@@ -50,7 +50,7 @@ def follow(result, with_effects):
     y, t = measured(log), log.t - log.t[0]
     shown = slice(rows[0, 0], rows[-1, -1] + 1)
     off = [np.abs(p[..., 6 + axis] - y[rows, 6 + axis]).max() for p in (before, after)]
-    keys = [("measured", "log"), ("before", "before" if with_effects else "simulator")] + [("after", "after")] * with_effects
+    keys = [("measured", "log"), ("before", "simulator")] + [("after", "with effects")] * with_effects
     parts = [legend(0, 14, keys)]
     beat = max(round(SMOOTHED / log.dt), 1)
     y[:, axis] = np.convolve(np.nan_to_num(y[:, axis]), np.full(beat, 1 / beat), "same")  # else the wing beat hides all
@@ -95,7 +95,7 @@ def frequencies(result, with_effects, label):
     """What the observer misses, by frequency, of the worst channels; both axes are logarithmic."""
     report = result.report
     f, amplitude = _spectra(result)
-    keys = [("before", "before" if with_effects else "simulator")] + [("after", "after")] * with_effects + [("floor", "healthy flights")]
+    keys = [("before", "simulator")] + [("after", "with effects")] * with_effects + [("floor", "healthy flights")]
     parts = [legend(0, 14, keys)]
     edges = sorted({edge for band in BANDS for edge in band if edge} | {f[0]})
     worst = _worst(report, amplitude)

@@ -41,7 +41,7 @@ class Own(Teller):
         length = max(min(HORIZONS[-1], len(path.rows) // 4), 1)
         starts = np.arange(path.settled, len(path.rows) - length, length)
         t = path.t[starts[:, None] + np.arange(1, length + 1)]
-        key = (("before", "without"), ("after", "with the effects")) if self.result.fit.causes else (("before", "simulator"),)
+        key = (("before", "simulator"), ("after", "with effects")) if self.result.fit.causes else (("before", "simulator"),)
         missed = [path.ahead(some, starts, tuple(range(1, length + 1)))[..., c] for some in ((), self.result.fit.causes)[: len(key)]]
         reach = figures.extent(np.concatenate([m.ravel() for m in missed]))
         panel = figures.Panel((56, 40, figures.WIDTH - 66, 180), (0, float(path.t[-1])), reach)

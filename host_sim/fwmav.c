@@ -200,7 +200,8 @@ int fwmav_check(const double *state, double t) {
 	double sum = 0;
 	for (size_t i = 0; i < TK_FWMAV_STATES; i++) { sum += state[i]; }
 	if (isfinite(sum)) { return TK_OK; }
-	return fail("the simulated flight diverged (NaN or Inf) at t = %g s: check effect parameters and commands", t);
+	return fail(
+	    "the simulated flight diverged (NaN or Inf) at t = %g s: check effect parameters and commands", t);
 }
 
 /* ---- Effects -------------------------------------------------------------------- */

@@ -368,30 +368,29 @@ typedef struct KOOP(mpc_result) {
  * points to. */
 typedef struct KOOP(mpc) {
 	KOOP(mpc_config) config;
-	KOOP_REAL *markov; /* a row for each state and input: element of C A^k B, k = 0..H-1 */
-	KOOP_REAL
-	*free_error;         /* a row for each state, last step first: prediction without input less reference */
-	KOOP_REAL *state;    /* scratch: likewise */
-	KOOP_REAL *inverse;  /* of the diagonal of the Hessian, H m */
-	KOOP_REAL *plan;     /* H m, last input first */
-	signed char *set;    /* H m: 0 free, below 0 held by its lower bound, above by its upper */
-	KOOP_REAL *u_before; /* m */
-	KOOP_REAL *u_min, *u_max, *u_safe; /* m each: limits and safe input of this solve */
-	KOOP_REAL *roots;    /* lower Cholesky factors of R, S and Q */
+	KOOP_REAL *markov;                                   /* a row for each state and input: element of C A^k B, k = 0..H-1 */
+	KOOP_REAL *free_error;                               /* a row for each state, last step first: prediction without input less reference */
+	KOOP_REAL *state;                                    /* scratch: likewise */
+	KOOP_REAL *inverse;                                  /* of the diagonal of the Hessian, H m */
+	KOOP_REAL *plan;                                     /* H m, last input first */
+	signed char *set;                                    /* H m: 0 free, below 0 held by its lower bound, above by its upper */
+	KOOP_REAL *u_before;                                 /* m */
+	KOOP_REAL *u_min, *u_max, *u_safe;                   /* m each: limits and safe input of this solve */
+	KOOP_REAL *roots;                                    /* lower Cholesky factors of R, S and Q */
 	KOOP_REAL *gradient, *trial, *trial_gradient, *step; /* scratch: H m each */
 	KOOP_REAL *direction, *hessian_direction;            /* scratch: the same as trial and trial_gradient */
-	KOOP_REAL *work;                            /* scratch */
-	KOOP_REAL *square;                          /* scratch: 4 x 4 of the factor, and 4 */
-	KOOP_REAL *generator;                       /* of the Hessian: n + m rows of H m, or n + 2 m with S */
-	KOOP_REAL *factor;                          /* packed Cholesky factor over the free inputs */
-	KOOP_REAL max_eigenvalue;                   /* largest eigenvalue seen of the scaled Hessian */
-	KOOP_REAL reach;                            /* size of the inputs inside their limits */
-	KOOP_REAL noise;                            /* a residual below this can be all round-off */
-	size_t n_free;                              /* rows of the factor */
-	int unlimited;                              /* 1: an input has no limit, and so no reach */
-	int planned;                                /* plan and set are those of the last solve */
-	int factored;                               /* factor is one over this choice of free inputs */
-	int fresh;                                  /* and of this solve's Hessian */
+	KOOP_REAL *work;                                     /* scratch */
+	KOOP_REAL *square;                                   /* scratch: 4 x 4 of the factor, and 4 */
+	KOOP_REAL *generator;                                /* of the Hessian: n + m rows of H m, or n + 2 m with S */
+	KOOP_REAL *factor;                                   /* packed Cholesky factor over the free inputs */
+	KOOP_REAL max_eigenvalue;                            /* largest eigenvalue seen of the scaled Hessian */
+	KOOP_REAL reach;                                     /* size of the inputs inside their limits */
+	KOOP_REAL noise;                                     /* a residual below this can be all round-off */
+	size_t n_free;                                       /* rows of the factor */
+	int unlimited;                                       /* 1: an input has no limit, and so no reach */
+	int planned;                                         /* plan and set are those of the last solve */
+	int factored;                                        /* factor is one over this choice of free inputs */
+	int fresh;                                           /* and of this solve's Hessian */
 } KOOP(mpc);
 
 /* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals, and with S

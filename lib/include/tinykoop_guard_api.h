@@ -6,16 +6,16 @@
 typedef struct KOOP(guard_config) {
 	/* The tracked states' response to each input over the horizon, weighed by the
 	 * diagonal of Q, against the offline model's: */
-	KOOP_REAL min_cosine; /* its direction (0.7); below 0 the sign is wrong */
-	KOOP_REAL min_gain;   /* its size over the offline model's (0.2) */
-	KOOP_REAL max_gain;    /* (3) */
+	KOOP_REAL min_cosine;         /* its direction (0.7); below 0 the sign is wrong */
+	KOOP_REAL min_gain;           /* its size over the offline model's (0.2) */
+	KOOP_REAL max_gain;           /* (3) */
 
 	KOOP_REAL max_error_ratio;    /* one-step error over the offline model's, rms of about 20 steps (4) */
-	KOOP_REAL max_residual; /* KKT residual of the plan over the narrowest range of an input that has one (0.01) */
+	KOOP_REAL max_residual;       /* KKT residual of the plan over the narrowest range of an input that has one (0.01) */
 	KOOP_REAL max_tracking_ratio; /* tracking error over its own rms of about 100 steps (3) */
-	size_t patience;         /* steps before a model that failed is tried again; doubles up to 16-fold (15) */
-	size_t renewal;          /* steps without trust after which the learner is started again (100) */
-	KOOP(gate) *gate;        /* through which guard_update() learns; null: none */
+	size_t patience;              /* steps before a model that failed is tried again; doubles up to 16-fold (15) */
+	size_t renewal;               /* steps without trust after which the learner is started again (100) */
+	KOOP(gate) *gate;             /* through which guard_update() learns; null: none */
 } KOOP(guard_config);
 
 /* The guard. The caller owns it and its storage. To read: model, resets. */

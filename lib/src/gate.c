@@ -112,7 +112,8 @@ static real gate_usual(const KOOP(gate) *gate, size_t i) {
 
 /* The largest square that is no outlier. */
 static real gate_most(const KOOP(gate) *gate, size_t i) {
-	return gate->config.multiple * gate->config.multiple * max_of(gate_usual(gate, i), gate->recent_variance[i]);
+	return gate->config.multiple * gate->config.multiple *
+	       max_of(gate_usual(gate, i), gate->recent_variance[i]);
 }
 
 /* Whether no innovation is an outlier; before it is known what is usual, none is. */

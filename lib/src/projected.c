@@ -20,7 +20,8 @@ static int begin_way(KOOP(mpc) *mpc) {
 	real promise[2] = {0, 0};
 	int at_bound;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
-		const real g = way_down(mpc, q, j, &at_bound), step = MATH(fabs)(g) * mpc->inverse[q] / mpc->max_eigenvalue;
+		const real g = way_down(mpc, q, j, &at_bound),
+		           step = MATH(fabs)(g) * mpc->inverse[q] / mpc->max_eigenvalue;
 		const real room = g > 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		promise[at_bound] += MATH(fabs)(g) * (step < room ? step : room);
 	}

@@ -50,7 +50,9 @@ static void rules_save(rules *t) {
 
 /* What is known of the samples: nothing. */
 static void rules_begin(rules *t) {
-	for (size_t i = 0; i < MOST_N; i++) { t->variance[i] = t->recent_variance[i] = t->previous_variance[i] = 0; }
+	for (size_t i = 0; i < MOST_N; i++) {
+		t->variance[i] = t->recent_variance[i] = t->previous_variance[i] = 0;
+	}
 	t->first = t->window;
 	t->n_variance = t->refused = t->grace = t->suspect_for = t->restored = t->judged = t->failed = 0;
 	t->nis = t->kept_nis = t->previous_nis = 0;
@@ -84,7 +86,8 @@ static wide largest(wide a, wide b) {
 
 /* The largest square of innovation i that is no outlier. */
 static wide limit(const rules *t, size_t i) {
-	return t->multiple * t->multiple * largest(largest(t->variance[i], t->floor * t->floor), t->recent_variance[i]);
+	return t->multiple * t->multiple *
+	       largest(largest(t->variance[i], t->floor * t->floor), t->recent_variance[i]);
 }
 
 static int is_outlier(rules *t, const wide *square) {
@@ -123,7 +126,8 @@ static void count_taken(rules *t, const wide *square) {
 	for (size_t i = 0; i < t->N; i++) {
 		const wide most = largest(limit(t, i), (wide)REAL_EPSILON * square[i]);
 		const wide seen = square[i] > most ? most : square[i];
-		t->recent_variance[i] = t->recent_variance[i] * (wide)(t->window - 1) / (wide)t->window + seen / (wide)t->window;
+		t->recent_variance[i] =
+		    t->recent_variance[i] * (wide)(t->window - 1) / (wide)t->window + seen / (wide)t->window;
 	}
 	if (t->grace > 0) {
 		t->grace--;
@@ -137,7 +141,8 @@ static void count_taken(rules *t, const wide *square) {
 	if (t->suspect_for > 0) { return; }
 	if (t->n_variance < MEMORY) { t->n_variance++; }
 	for (size_t i = 0; i < t->N; i++) {
-		t->variance[i] = t->variance[i] * (wide)(t->n_variance - 1) / (wide)t->n_variance + square[i] / (wide)t->n_variance;
+		t->variance[i] = t->variance[i] * (wide)(t->n_variance - 1) / (wide)t->n_variance +
+		                 square[i] / (wide)t->n_variance;
 	}
 }
 

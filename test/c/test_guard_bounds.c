@@ -225,8 +225,9 @@ static void test_each_setting_is_checked(void) {
 	for (size_t i = 0; i < 6; i++) {
 		for (size_t k = 0; k < sizeof bad / sizeof *bad; k++) {
 			KOOP(guard_config) config = {0};
-			real *const values[] = {&config.min_cosine, &config.min_gain,    &config.max_gain,
-			                        &config.max_error_ratio,   &config.max_residual, &config.max_tracking_ratio};
+			real *const values[] = {&config.min_cosine,   &config.min_gain,
+			                        &config.max_gain,     &config.max_error_ratio,
+			                        &config.max_residual, &config.max_tracking_ratio};
 			*values[i] = (real)bad[k];
 			CHECK_STATUS(KOOP_E_RANGE,
 			             KOOP(guard_init)(&r.guard, &config, &r.mpc, r.offline, r.storage, GUARD_REALS));

@@ -134,7 +134,8 @@ static const real *check_array(const real *array, const real *free_from, size_t 
 static const real *check_arrays(size_t round) {
 	const size_t N = p.c.n_lifted, n = p.c.n_states, m = p.c.n_inputs, H = p.c.horizon, V = H * m;
 	const size_t states = n * KOOP_MPC_PAD(H), inputs = KOOP_MPC_PAD(V);
-	const real *const of_inputs[] = {mpc.inverse, mpc.plan, mpc.gradient, mpc.trial, mpc.trial_gradient, mpc.step};
+	const real *const of_inputs[] = {mpc.inverse, mpc.plan,           mpc.gradient,
+	                                 mpc.trial,   mpc.trial_gradient, mpc.step};
 	const real *const of_one[] = {mpc.u_before, mpc.u_min, mpc.u_max, mpc.u_safe};
 	const real *end = check_array(mpc.markov, storage, n * V, round);
 	end = check_array(mpc.free_error, end, states, round);

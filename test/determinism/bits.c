@@ -194,7 +194,7 @@ static void gated_updates(void) {
 		gated = 0;
 		note_learned();
 		note_number((int)gate.restored);
-		note(gate.usual, N);
+		note(gate.variance, N);
 		part_end();
 	}
 }

@@ -89,7 +89,7 @@ static void list_control(list *l, world *w) {
 	add(l, "controller's set", (real *)(void *)mpc->set, mpc->u_before);
 	add(l, "controller's limits, roots", mpc->u_before, mpc->work);
 	add(l, "controller's scratch, factor", mpc->work, end);
-	add_fields(l, "controller's state", mpc, offsetof(KOOP(mpc), steepest), sizeof *mpc);
+	add_fields(l, "controller's state", mpc, offsetof(KOOP(mpc), max_eigenvalue), sizeof *mpc);
 }
 
 static void list_all(list *l, world *w) {

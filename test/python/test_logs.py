@@ -245,7 +245,7 @@ def test_wrong_number_of_fields(read):
 def test_duplicate_column(read, extra, name, at):
     rows = [[*row, "1", "1"] for row in table()]
     rows[0][-2:] = extra
-    with pytest.raises(UserError, match=rf"log\.csv:1: column '{name}'.*column {at}"):
+    with pytest.raises(UserError, match=rf"log\.csv:1: duplicate column '{name}' \(again at column {at}\)"):
         read(rows)
 
 

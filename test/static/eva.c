@@ -86,7 +86,7 @@ static void run(void) {
 	if (koopf_gate_init(&gate, any_int ? &c : NULL, &rls, storage, reals) != KOOP_OK) { return; }
 	for (int k = 0; k < 2; k++) {
 		new_sample();
-		gate.known = gate.judged = (size_t)any_int; /* as after more samples than can be gone through here */
+		gate.n_variance = gate.judged = (size_t)any_int; /* as after more samples than can be gone through here */
 		koopf_gate_update(&gate, &rls, psi, u, psi_next, any_int ? &health : NULL);
 	}
 }

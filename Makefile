@@ -73,8 +73,8 @@ ledger: build ## the paper's claims, our figures and verdicts, after learn, cont
 ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
 	@$(TINYKOOP) ablate
 
-windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
-	@$(TINYKOOP) windup
+windup: build ## float32 against float64 for every dictionary, regulator and form (UPDATE=1: into docs/learning.md, too): windup.json
+	@$(TINYKOOP) windup $(if $(UPDATE),--update)
 
 diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr, fwmav or your own bot.toml): diagnose/report.json, report.html
 	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [ROBOT=fwmav]" >&2; exit 2; }

@@ -194,6 +194,7 @@ int main(void) {{
         (("replay", "bad.csv"), "bad.csv:3: column 'px' (2): 'x' is not a finite number"),
         (("replay", "short.csv"), "short.csv: 4 usable steps, at least 100 are needed"),
         (("fit", "short.csv", "model.txt"), "model.txt: the model is written as .h"),
+        (("diagnose", "a.csv", "b.csv", "--max-gap", "1"), "--max-gap: it is the gap of one log"),
         (("learn", "--out", "short.csv/out"), "cannot be made as output folder"),
     ],
 )
@@ -222,6 +223,17 @@ def test_plots_are_written_in_other_formats_with_the_traces_that_they_show(tmp_p
     monkeypatch.setenv("TINYKOOP_FORMAT", "bmp")
     with pytest.raises(UserError, match="FORMAT=bmp: plots are written as png, svg, pdf, npz"):
         plots.save(plots.subplots()[0], tmp_path / "b.png")
+
+
+def test_runs_that_lose_definiteness_are_counted_by_form_and_precision():
+    from tinykoop.experiments import windup
+
+    rows = [
+        {"form": form, "precision": precision, "lost_positive_definite_at": lost}
+        for form, precision, lost in (("plain", "f32", 500), ("plain", "f32", None), ("plain", "f64", None), ("textbook", "f64", 0))
+    ]
+    _, lines = windup.lost(rows)
+    assert lines == [["plain", "1 of 2", "0 of 1"], ["sqrt", "0 of 0", "0 of 0"], ["textbook", "0 of 0", "1 of 1"]]
 
 
 def test_help_lists_every_command_in_a_group_within_a_terminal():

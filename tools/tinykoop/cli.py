@@ -98,7 +98,8 @@ def _paper(add):
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
     transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
-    add("windup", "float32 against float64 for every dictionary, regulator and form")
+    windup = add("windup", "float32 against float64 for every dictionary, regulator and form")
+    windup.add_argument("--update", action="store_true", help=TABLE)
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
     study.add_argument("--runs", type=int, help="runs of each setting (default 10: about four minutes)")
     add("guard", "random closed-loop runs, guarded against unguarded")
@@ -223,6 +224,8 @@ def dispatch(a):
             return diagnose.exceeds(result, a.max_gap)
         elif a.sim:
             raise UserError("--sim: a run under the commands of one log; give one log")
+        elif a.max_gap is not None:
+            raise UserError("--max-gap: it is the gap of one log; give one log")
         else:
             several.run(a.log, out, _options(a), a.jobs, a.cluster)
     elif a.command == "robot":

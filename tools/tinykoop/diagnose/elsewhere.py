@@ -15,6 +15,12 @@ def seconds(log):
     return (len(log.x) - 1) * log.dt
 
 
+def joined(logs, names):
+    """(columns of these names, usable transitions) of several logs one after the other: between two of them none is usable."""
+    usable = np.concatenate([np.append(log.usable, False) for log in logs])[:-1]
+    return [np.concatenate([getattr(log, name) for log in logs]) for name in names], usable
+
+
 def carry(causes, parameters, logs, cost):
     """[(cause that acts all along, whether it acts)] of a fit of the first of two logs on the second.
 

@@ -15,9 +15,10 @@ from scipy.stats import spearmanr
 from ..plumbing import pages
 from ..plumbing.errors import UserError
 from ..plumbing.results import console, number, output_folder, write_json
+from . import ablate, scenario
 
 HOLDS, DIFFERS, CONTRADICTED, OPEN = "holds", "differs", "contradicted", "cannot be reproduced"
-REGULATED = ("dz_cs", "dz_ks", "ct", "sift")
+REGULATED = tuple(name for name in scenario.REGULATORS if name != "ef")
 ACROSS = ("P->Y", "Y->P")
 TRACKS = 0.06  # m, rad: a mean tracking error below is that of a run that keeps the path
 HEADERS = ["claim of the paper", "command", "ours", "verdict"]
@@ -82,7 +83,7 @@ def _safeguard(r):
 
 
 def _threshold(r):
-    paper = {0.003: (0.699, 1.52e-3), 0.01: (0.9773, 1.07e-3), 0.03: (0.995, 5.58e-3)}
+    paper = ablate.PAPER_DELTA
     rows = {row["delta"]: row for row in r.rows("ablate", study="delta", dictionary="rbf", regulator="dz_cs")}
     said = ", ".join(f"{number(d)}: {_percent(rows[d]['skip_rate'])}, {number(rows[d]['mean_error'])}" for d in paper)
     off = max(abs(rows[d]["mean_error"] / error - 1) for d, (_, error) in paper.items())
@@ -112,7 +113,7 @@ def _horizon(r):
 
 
 def _name(key):
-    return f"{ {'poly': 'Poly', 'rbf': 'RBF'}[key[0]] } ({ {'dz_cs': 'DZ-CS', 'dz_ks': 'DZ-KS', 'ct': 'CT', 'sift': 'SIFt'}.get(key[1], key[1]) })"
+    return scenario.Method(*key).label
 
 
 def _shift(r):
@@ -162,14 +163,14 @@ def _poly_control(r):
 def _rankings(r):
     learned, tracked = r.errors("learn", "rbf"), r.errors("control", "rbf")
     rho = float(spearmanr([learned[n] for n in REGULATED], [tracked[n] for n in REGULATED]).statistic)
-    order = ", ".join(_name(("rbf", n))[5:-1] for n in sorted(REGULATED, key=tracked.get))
+    order = ", ".join(scenario.LABELS[n] for n in sorted(REGULATED, key=tracked.get))
     return f"control: {order}; rank correlation {rho:.2f}", HOLDS if rho > 0.99 else CONTRADICTED
 
 
 def _robust(r):
     errors = {d: r.errors("control", d) for d in ("poly", "rbf")}
     keep = [n for n in REGULATED if max(errors[d][n] for d in errors) < TRACKS]
-    names = ", ".join(_name(("rbf", n))[5:-1] for n in keep)
+    names = ", ".join(scenario.LABELS[n] for n in keep)
     return f"{names} keep the path with both", HOLDS if keep == ["sift"] else CONTRADICTED if "sift" in keep else DIFFERS
 
 

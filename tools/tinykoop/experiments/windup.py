@@ -11,7 +11,7 @@ Three questions, one plot each:
 import numpy as np
 
 from .. import bridge
-from ..plumbing import plots
+from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing, write_json
 from . import scenario
 
@@ -106,8 +106,8 @@ def soak():
     return rows
 
 
-def run(out):
-    """Writes windup.json, windup_soak.json and the plots into `out`; returns the rows of windup.json."""
+def run(out, update=False):
+    """Writes windup.json, windup_soak.json and the plots into `out`, and with `update` the table of docs/learning.md; returns the rows."""
     out = output_folder(out)
     x, u = scenario.drive()
     rows = study(x, u)
@@ -119,7 +119,19 @@ def run(out):
         draw_growth(out, curves)
         draw_soak(out, soaks)
     report(rows, curves, soaks)
+    if update:
+        pages.update("docs/learning.md", "windup", pages.table("Runs of 5,000 steps in which P loses positive definiteness", *lost(rows)))
     return rows
+
+
+def lost(rows):
+    """(headers, lines): in how many runs of each form P loses positive definiteness, by precision."""
+    lines = []
+    for form in FORMS:
+        some = {name: [row for row in rows if (row["form"], row["precision"]) == (form, name)] for name in ("f32", "f64")}
+        counts = [f"{sum(row['lost_positive_definite_at'] is not None for row in part)} of {len(part)}" for part in some.values()]
+        lines.append([form, *counts])
+    return ["form", "float32", "float64"], lines
 
 
 def _event(row, name):

@@ -7,9 +7,9 @@ from pathlib import Path
 from ...plumbing.errors import UserError
 from ...plumbing.results import console, printable, write_bytes
 from ..report.terminal import say
-from . import diff_drive, mjcf, python, robot
+from . import diff_drive, mjcf, python, toml
 
-WRITERS = {".toml": robot, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python}
+WRITERS = {".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python}
 
 
 def _report(path):

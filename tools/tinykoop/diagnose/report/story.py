@@ -24,7 +24,7 @@ GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interv
 BARS = "RMS errors of predictions. Closed: the share of the gap above the noise floor that is gone, with its 95 % interval in parentheses."
 EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "confidence", "active", "remark")
 SCORE = "Score above 1: identified, and needed beside the others. Score below 1: the share that the effect would explain on its own."
-CLOSED = "Closed: the share of the gap above the noise floor that the effects remove on held-out rows; none near the noise."
+CLOSED = "Closed: the share of the gap above the noise floor that the effects remove on held-out rows; no share is given near it."
 
 
 @dataclass(frozen=True)

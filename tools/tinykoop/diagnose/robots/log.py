@@ -5,6 +5,7 @@ import csv
 import numpy as np
 
 from ...plumbing.errors import UserError
+from .. import elsewhere
 from ..prediction_errors.noise import white
 from ..robot import RobotLog
 
@@ -99,6 +100,5 @@ def joined(logs):
     for log in logs:
         t.append(log.t - log.t[0] + end)
         end = t[-1][-1] + log.dt
-    usable = np.concatenate([np.r_[log.usable, False] for log in logs])[:-1]
-    x, u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in "xuy")
+    (x, u, y), usable = elsewhere.joined(logs, "xuy")
     return RobotLog(np.concatenate(t), x, u, y, usable, logs[0].dt, ", ".join(log.path for log in logs))

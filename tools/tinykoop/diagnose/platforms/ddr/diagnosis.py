@@ -5,7 +5,7 @@ import numpy as np
 from .... import bridge
 from ....plumbing.errors import UserError
 from ...diagnosis import Diagnosis, on_fresh, open_questions, report_of, told
-from ...elsewhere import as_fast, seconds
+from ...elsewhere import as_fast, joined, seconds
 from ...prediction_errors import ahead
 from ...prediction_errors.answer import answer
 from ...prediction_errors.fit import ALWAYS
@@ -51,20 +51,14 @@ def _contributions(found):
     return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, without - whole))) for c, without in zip(found.fit.causes, rest)}
 
 
-def _joined(logs):
-    """Several logs one after the other, with no transition between them."""
-    x, u = (np.concatenate([getattr(log, name) for log in logs]) for name in "xu")
-    usable = np.concatenate([np.append(log.usable, False) for log in logs])[:-1]
-    return bridge.Log(np.arange(len(x)) * logs[0].dt, x, u, usable, logs[0].dt)
-
-
 def _healthy(logs, log):
     """Causes that explain logs of the healthy robot, as they act on another log: what came or went there is none of them."""
     if not logs:
         return ()
     if max(abs(other.dt / log.dt - 1) for other in logs) > SAME_RATE:
         raise UserError(f"--healthy: rows come every {logs[0].dt:.4g} s there and every {log.dt:.4g} s in the log; give logs of one rate")
-    whole = _joined(logs)
+    (x, u), usable = joined(logs, "xu")
+    whole = bridge.Log(np.arange(len(x)) * log.dt, x, u, usable, log.dt)
     path = Path(whole)
     causes = [cause for cause in Search(path).run().causes if cause.segments == ALWAYS]
     return tuple(as_fast(c, path.effects[c.name].parameters, *map(seconds, (whole, log))) for c in causes)

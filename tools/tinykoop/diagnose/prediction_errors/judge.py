@@ -187,13 +187,16 @@ def _others(fitter, fit, index):
     return np.linalg.qr(J[:, (J**2).sum(0) > SLOPE])[0]
 
 
-def _closes(path, noise, then, now, least, moved):
-    """Largest share of what is left above the floor that a cause closes; 0 where it moves predictions by less than matters."""
-    shares = [0.0]
+def _closes(path, noise, without, now, least):
+    """Largest share of what is left above the floor that a cause closes; 0 where it moves predictions by less than matters.
+
+    without, now: predictions miss so much (S, H, c) without the cause and with it.
+    """
+    shares, (then, now, moved) = [0.0], (ahead.sizes(path, missed) for missed in (without, now, without - now))
     for gap in path.gaps:
         smallest = path.smallest_of(gap, noise)
-        a, b, f = (ahead.rms(errors[gap])[1:] for errors in (then, now, least))
-        enough = (a - b > ENOUGH * smallest) & (moved[gap][1:] > smallest)
+        a, b, f, way = (ahead.rms(errors[gap])[1:] for errors in (then, now, least, moved))
+        enough = (a - b > ENOUGH * smallest) & (way > smallest)
         shares.append(np.nanmax(np.where(enough, (a - b) / np.maximum(a - f, 1e-9), 0), initial=0))
     return float(max(shares))
 
@@ -208,12 +211,8 @@ def paying(search, state, starts):
     path, small = search.path, []
     while state.causes:
         fitter = search.at(state)
-        rests, least, now = dropped(fitter, state.fit), ahead.floor(path, state.noise, starts), ahead.after(fitter, state.fit, starts)
-        missed = path.ahead(state.causes, starts, ahead.HORIZONS)
-        shares = [
-            _closes(path, state.noise, ahead.after(fitter, rest, starts), now, least, ahead.moved(path, missed, rest.causes, starts))
-            for rest in rests
-        ]
+        rests, least, now = dropped(fitter, state.fit), ahead.floor(path, state.noise, starts), ahead.missed(fitter, state.fit, starts)
+        shares = [_closes(path, state.noise, ahead.missed(fitter, rest, starts), now, least) for rest in rests]
         shares = [0.0 if _is_tiny(path, cause) else share for cause, share in zip(state.causes, shares)]
         i = int(np.argmin(shares))
         if shares[i] > PAYS:

@@ -5,6 +5,7 @@ any size costs no further pass of the simulator over the log. about() makes what
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -31,7 +32,8 @@ VARIANTS = (("its own steps of time", 0.0), ("steps of time half as long", 2 / 3
 CUT_VARIANTS = (VARIANTS[0], ("steps of time a quarter as long", 1.0))  # of a path that is cut: those are taken
 TURNS, SETTLED = 6, 0.02  # of a path; share of its misfit that a turn must take to be followed by another
 WHOLE = 0.98  # of a channel that is there, from which on its readings may be shifted by rows
-BUDGET = 120  # passes over the log, after which no further cause is looked for: to prove those found takes some 50 more
+ACTIONS = 16  # that are kept: trials of a search begin alike
+BUDGET = 110  # passes over the log, after which no further cause is looked for: to prove those found takes some 50 more
 SAME = 0.25  # of its size, by which a sensor's effect may be another and have the path in the same place
 SLOPE, LED, LEADS = 9, 50, 2  # rows, of which a slope is taken; of windows in which a simulator runs; runs
 FEW = 250  # rows, at which slopes are taken while there is no path
@@ -67,10 +69,12 @@ class Path(path.Path):
     def __init__(self, robot, log, without=(), before=(), settle=SETTLE):
         self.robot, self.log, self.dt, self.before, self.variant, self.cut = robot, log, log.dt, (), 0, False
         self.stepper, self.context, self.everything = Stepper(robot, log), Context(robot, log), {}
+        self._acted = lru_cache(ACTIONS)(self._act)
         self._rows(settle)
         self._channels()
         self._first_path()
         self.everything = library(self.context, self.velocities, self.reach)
+        self.order = {name: rank for rank, name in enumerate(self.everything)}
         self.effects = {name: effect for name, effect in self.everything.items() if name not in without}
         self.before = (*self._acting(), *before)
         if self.before:  # the path was looked for without them
@@ -318,13 +322,13 @@ class Path(path.Path):
             self.still = np.flatnonzero(np.abs(self.A - unit).max((0, 1)) < STILL).tolist()
 
     def _slopes(self):
-        """To commands B (m, K, n), parameters P, clock T (K, n, ..), and to pushes F."""
+        """To commands B (m, n, K), parameters P (p, n, K), clock T (1, n, K): NumPy is fast along the last axis; and to pushes F (K, n, n)."""
         at, self._now, (K, n) = self.at, None, self.X.shape
         unit = np.eye(n)
-        self._u, self.B = at.u, np.stack([self._by(replace(at, u=at.u + h * e), h) for h, e in _each(STEP * self.u_reach)])
+        self._u, self.B = at.u, _columns(n, K, [self._by(replace(at, u=at.u + h * e), h) for h, e in _each(STEP * self.u_reach)])
         steps = np.array([STEP * abs(p.usual) for p in self.robot.parameters])
-        self.P = _columns(K, n, [self._by(replace(at, params=at.params + h * e), h) for h, e in _each(steps)])
-        self.T = self._by(replace(at, clock=at.clock + STEP), STEP)[..., None]
+        self.P = _columns(n, K, [self._by(replace(at, params=at.params + h * e), h) for h, e in _each(steps)])
+        self.T = _columns(n, K, [self._by(replace(at, clock=at.clock + STEP), STEP)])
         self.F = np.tile(self.dt * unit, (K, 1, 1))
         for i in getattr(self.robot.simulator, "velocities", ()):
             h = STEP * self.reach[i] / self.dt
@@ -337,11 +341,11 @@ class Path(path.Path):
         """What pairs of commands (i, j) do to a step beyond their slopes, over the product of their changes. Contacts have corners."""
         at, self.curved, self._now, alone = self.at, {}, None, {}
         for j, (h, e) in enumerate(_each(FAR * self.u_reach)) if not self.cut else ():
-            alone[j] = self._by(replace(at, u=at.u + h * e), h) - self.B[j]
+            alone[j] = self._by(replace(at, u=at.u + h * e), h).T - self.B[j]
             self.curved[j, j] = alone[j] / h
             for i in range(j):
                 k, d = FAR * self.u_reach[i], np.eye(len(e))[i]
-                both = self._by(replace(at, u=at.u + h * e + k * d), h * k)
+                both = self._by(replace(at, u=at.u + h * e + k * d), h * k).T
                 self.curved[i, j] = both - (self.B[j] + alone[j]) / k - (self.B[i] + alone[i]) / h
 
     def _by(self, action, h, moved=0.0):
@@ -375,10 +379,13 @@ class Path(path.Path):
 
     def action(self, causes):
         """What the simulator is given: effects act in the library's order, whichever was found first."""
-        action, order = idle(self.robot, self.log), list(self.everything)
-        for cause in sorted((*self.before, *causes), key=lambda cause: order.index(cause.name)):
-            action = self.everything[cause.name].on(cause, action, self.context)
-        return action
+        return self._acted(tuple(sorted((*self.before, *causes), key=lambda cause: self.order[cause.name])))
+
+    def _act(self, causes):
+        """The last cause of some acts behind the others."""
+        if not causes:
+            return idle(self.robot, self.log)
+        return self.everything[causes[-1].name].on(causes[-1], self._acted(causes[:-1]), self.context)
 
     def about(self, causes):
         """Makes steps() exact at these causes, by a pass if they are new; whether it was another set before.
@@ -434,32 +441,33 @@ class Path(path.Path):
     def changed(self, actions):
         """steps() of actions."""
         D, E = zip(*map(self._trial, actions))
-        return np.stack(D, -1) + np.reshape(self.shift(), (*np.shape(self.shift()), 1)), np.stack(E, -1)
+        return np.stack(D, -1).swapaxes(0, 1) + np.reshape(self.shift(), (*np.shape(self.shift()), 1)), np.stack(E, -1)
 
     def _trial(self, action):
-        """By the slopes (K, n), (K, c)."""
-        at, out = self.at, self._D.copy()
+        """By the slopes (n, K), (K, c)."""
+        at, out = self.at, self._D.T.copy()
         if action.u is not at.u:
             if self._now is None:
                 self._now = self._commanded(at.u)
             out += self._commanded(action.u) - self._now
         for slope, new, old in ((self.P, action.params, at.params), (self.T, action.clock, at.clock)):
-            by = (new - old).reshape(len(out), -1)
-            for j in np.flatnonzero(np.abs(by).max(0, initial=0)):
-                out += slope[..., j] * by[:, j : j + 1]
+            by = (new - old).reshape(len(new), -1).T if new is not old else ()
+            for change, moves in zip(by, slope):
+                if change.any():
+                    out += moves * change
         for sign, some in ((1, action), (-1, at)):
             if some.pushes:
-                out += sign * (self.F @ self.stepper.push(self.X, self.rows, some)[..., None])[..., 0]
+                out += sign * (self.F @ self.stepper.push(self.X, self.rows, some)[..., None])[..., 0].T
         return out, self._missed(action)
 
     def _commanded(self, u):
-        """What other commands (K, m) than those of the slopes make of a step (K, n), to second order."""
-        by, out = u - self._u, np.zeros_like(self.X)
-        for j in np.flatnonzero(by.any(0)):
-            out += self.B[j] * by[:, j : j + 1]
+        """What other commands (K, m) than those of the slopes make of a step (n, K), to second order."""
+        by, out = (u - self._u).T.copy(), np.zeros(self.X.T.shape)
+        for j in np.flatnonzero(by.any(1)):
+            out += self.B[j] * by[j]
             for i in range(j + 1):
                 if (i, j) in self.curved:
-                    out += self.curved[i, j] * (by[:, i] * by[:, j])[:, None]
+                    out += self.curved[i, j] * (by[i] * by[j])
         return out
 
     def read(self, action):
@@ -586,8 +594,9 @@ def _each(steps):
     return list(zip(steps, np.eye(len(steps))))
 
 
-def _columns(K, n, columns):
-    return np.stack(columns, -1) if columns else np.zeros((K, n, 0))
+def _columns(n, K, columns):
+    """Columns (K, n) of slopes, rows last."""
+    return np.stack([column.T for column in columns]) if columns else np.zeros((0, n, K))
 
 
 def _rates(simulator, A, dt):

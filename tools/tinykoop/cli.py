@@ -7,6 +7,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from .formats import FORMATS
 from .platforms import COLUMNS as PLATFORMS
 from .plumbing.errors import UserError
 from .plumbing.results import printable
@@ -61,7 +62,7 @@ def _your_log(add):
     convert.add_argument("source", help="log file, or folder of a bag or of a cfclient session")
     convert.add_argument("csv", metavar="OUT.csv", help="file to write")
     convert.add_argument("--platform", choices=PLATFORMS, required=True, help="which columns")
-    convert.add_argument("--format", choices=("usd", "ulog", "ros2", "crazyflie"), help="default: by what is in the file")
+    convert.add_argument("--format", choices=FORMATS, help="default: by what is in the file")
     convert.add_argument("--rate", type=float, metavar="HZ", help="rows per second (default: the rate of the slowest part of the state)")
     convert.add_argument(
         "--map", nargs="+", action="extend", default=[], metavar="COLUMN=TOPIC.FIELD",

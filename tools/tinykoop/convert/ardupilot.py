@@ -6,6 +6,7 @@ What the messages are: https://ardupilot.org/rover/docs/logmessages.html and htt
 import contextlib
 import io
 import math
+import os
 import re
 
 import numpy as np
@@ -16,6 +17,7 @@ from .choose import listed
 from .log import Log, Series
 
 MAGIC = b"\xa3\x95"
+HEADER = 3  # bytes before the fields of a message
 DEG = math.pi / 180
 METRES = 111318.845  # per degree of latitude, as ArduPilot has it (LATLON_TO_M)
 TEXT = "aZnN"  # kinds of fields that hold no number
@@ -54,12 +56,13 @@ def open_log(path, damaged):
         raise UserError(f"{path}: cannot be read ({error.strerror}); name one .BIN file")
     if not data.startswith(MAGIC):
         raise UserError(f"{path}: not a dataflash log: it does not begin with the bytes A3 95")
+    os.environ["PYMAVLINK_FAST_INDEX"] = "0"  # the fast one prints of damaged bytes where nothing can keep it from
     dataflash = package("pymavlink.DFReader", "logs")
     with guarded(path):
         reader = dataflash.DFReader_binary(str(path))
     if not damaged and not whole(reader, data):
         raise UserError(f"{path}: cut off or damaged (power gone while logging?); --damaged takes what can be read")
-    return Dataflash(path, reader)
+    return Dataflash(path, data, reader, dataflash.FORMAT_TO_STRUCT)
 
 
 @contextlib.contextmanager
@@ -81,9 +84,9 @@ def whole(reader, data):
 
 
 def topic(message):
-    """A message's name, with the instance of its sensor from the second on."""
+    """(a message's name, with the instance of its sensor from the second on; the instance)."""
     instance = getattr(message, message.fmt.instance_field) if message.fmt.instance_field else 0
-    return f"{message.fmt.name}_{instance}" if instance else message.fmt.name
+    return f"{message.fmt.name}_{instance}" if instance else message.fmt.name, instance
 
 
 def si(topic, field):
@@ -95,40 +98,45 @@ def si(topic, field):
 class Dataflash(Log):
     mend = "log it (LOG_BITMASK)"
 
-    def __init__(self, path, reader):
+    def __init__(self, path, data, reader, structs):
+        """structs: {kind of a field: its letter of Python's struct}."""
         super().__init__(path)
-        self.reader, self.usual = reader, USUAL
+        self.data, self.reader, self.structs, self.usual = data, reader, structs, USUAL
+        self.where = {}
         for message in reader.messages.values():
             if "TimeUS" in getattr(message, "_fieldnames", ()):
+                name, instance = topic(message)
+                self.where[name] = message.fmt, instance
                 kinds = zip(message.fmt.columns, message.fmt.format)
-                self.topics[topic(message)] = [name for name, kind in kinds if kind not in TEXT and name != "TimeUS"]
+                self.topics[name] = [field for field, kind in kinds if kind not in TEXT and field != "TimeUS"]
 
     def read(self, names, commands):
-        rows = {}
-        for name in names:
-            rows.setdefault(name.partition(".")[0], [])
         with guarded(self.path):
-            self.collect(rows)
-            return {name: series(*name.split("."), rows[name.partition(".")[0]]) for name in names}
+            topics = {name.partition(".")[0] for name in names}
+            tables = {topic: self.table(*self.where[topic]) for topic in topics}
+            return {name: series(*name.split("."), tables[name.partition(".")[0]]) for name in names}
 
-    def collect(self, rows):
-        """Fills {topic: its messages}."""
-        types = sorted({name.partition("_")[0] for name in rows})
-        self.reader.rewind()
-        while (message := self.reader.recv_match(type=types, strict=True)) is not None:
-            if (name := topic(message)) in rows:
-                rows[name].append(message)
+    def table(self, fmt, instance):
+        """{field: values} of a topic; pymavlink's own messages, one by one, take ten times as long."""
+        letters = [self.structs[kind][0] for kind in fmt.format]
+        fields = [(name, f"S{s[:-1]}" if s.endswith("s") else f"<{s}") for name, s in zip(fmt.columns, letters)]
+        dtype, at = np.dtype(fields), np.array(self.reader.offsets[fmt.type]) + HEADER
+        at = at[at + dtype.itemsize <= len(self.data)]
+        raw = np.frombuffer(self.data, np.uint8)[at[:, None] + np.arange(dtype.itemsize)]
+        rows = np.ascontiguousarray(raw).view(dtype)[:, 0]
+        rows = rows[rows[fmt.instance_field] == instance] if fmt.instance_field else rows
+        return {name: rows[name] * (times or 1) for name, times in zip(fmt.columns, fmt.msg_mults) if rows[name].dtype.kind != "S"}
 
 
-def series(topic, field, messages):
-    """Series of one field of a topic's messages."""
-    t, x = (np.array([getattr(message, name) for message in messages], float) for name in ("TimeUS", field))
+def series(topic, field, table):
+    """Series of one field of a topic."""
+    x = table[field].astype(float)
     if topic == "POS" and field in ("Lat", "Lng"):
-        x = metres(field, x, messages)
-    return Series(t * 1e-6, si(topic, field) * x)
+        x = metres(field, x, table["Lat"])
+    return Series(table["TimeUS"] * 1e-6, si(topic, field) * x)
 
 
-def metres(field, degrees, messages):
+def metres(field, degrees, latitude):
     """North or west of the first position, on the plane that touches the Earth there."""
     away = (degrees - degrees[:1]) * METRES
-    return away if field == "Lat" else -away * np.cos(DEG * np.array([message.Lat for message in messages[:1]]))
+    return away if field == "Lat" else -away * np.cos(DEG * latitude[:1])

@@ -18,8 +18,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
-from tinykoop import bridge, convert
-from tinykoop.convert import COLUMNS, FORMATS, crazyflie, ros2, ulog, usd, variables
+from tinykoop import bridge, convert, units
+from tinykoop.convert import COLUMNS, FORMATS, ardupilot, betaflight, crazyflie, ros2, ulog, usd, variables
 from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -892,8 +892,9 @@ def test_source_is_never_written_over(tmp_path):
 def test_docs_name_the_usual_fields():
     """docs/convert.md has every usual source, and no other."""
     text = (ROOT / "docs/convert.md").read_text()
-    for table in (variables.USUAL, ulog.USUAL):
+    for table in (variables.USUAL, ulog.USUAL, ardupilot.USUAL, betaflight.USUAL):
         for name in {name for names in table.values() for name in names}:
             assert f"`{name}`" in text or f"`{name.split('[')[0]}`" in text, name
+    assert all(f"`{form}`" in text for form in FORMATS) and all(f"`{unit}`" in text for unit in units.UNITS if unit not in ("mV", "%"))
     for kind in {name.partition(".")[0] for names in ros2.USUAL.values() for name in names}:
         assert f"`{kind}`" in text, kind

@@ -63,8 +63,9 @@ def test_names_units_and_delimiter_of_ones_own(tmp_path, delimiter, comma):
     assert len(result.t) == len(T) and result.log.dt == pytest.approx(0.01)
 
 
-def test_every_cell_in_quotes_with_windows_line_ends(tmp_path):
-    log = write(tmp_path / "mine.csv", foreign(T), quoting=csv.QUOTE_ALL, lineterminator="\r\n")
+@pytest.mark.parametrize("end", ("\n", "\r\n", "\r"))
+def test_every_cell_in_quotes_with_any_line_end(tmp_path, end):
+    log = write(tmp_path / "mine.csv", foreign(T), quoting=csv.QUOTE_ALL, lineterminator=end)
     log.write_bytes(b"\xef\xbb\xbf" + log.read_bytes())
     check(run(log, "ddr", maps=MAP), 0.0, drive, 1e-9, but=())
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..formats import FORMATS
 from ..platforms import COLUMNS, COMMANDS
 from ..plumbing.errors import UserError
-from ..plumbing.results import console, number, print_table, write_bytes
+from ..plumbing.results import console, number, print_table, printable, write_bytes
 from .choose import choose
 from .rows import resample
 
@@ -75,7 +75,7 @@ def report(source, table, chosen):
         where = f"{field.label}{'' if field.factor == 1 else f' * {field.factor:g}'}" if field else "gyro and attitude"
         rate = number(table.rates[column]) if field else ""
         lines.append([column, where, "held" if column in COMMANDS else "interpolated" if field else "computed", rate])
-    print_table(source.name, ["column", "from", "between samples", "its rate (Hz)"], lines)
+    print_table(printable(source.name), ["column", "from", "between samples", "its rate (Hz)"], lines)
     count, parts, masked = len(table.t), int(table.seg[-1]) + 1, int((~table.pose_ok).sum())
     text = f"{count:,} rows at {table.rate:.6g} Hz, {table.t[-1]:.1f} s; segments: {parts}; rows with pose_ok 0: {masked:,}."
     console.print("\n".join([text, *table.notes]), highlight=False)

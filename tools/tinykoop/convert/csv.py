@@ -8,7 +8,7 @@ from .log import FlatLog, Series
 
 def is_mine(path, head):
     """Lines of text of which the second has numbers, of the same columns as the first."""
-    lines = head.decode("utf-8-sig", "replace").split("\n")
+    lines = head.decode("utf-8-sig", "replace").splitlines()
     return b"\0" not in head and len(lines) > 1 and any(map(is_number, table.parted(*lines[:2])[1]))
 
 

@@ -9,13 +9,12 @@ import numpy as np
 import rich.progress
 from rich.markup import escape
 
-from ..plumbing.asked import near
 from ..plumbing.errors import UserError
 from ..plumbing.results import console, printable
 from .choose import listed
 
 DELIMITERS = ";\t|, "  # a space may stand after another, a comma within numbers
-LONGEST = 1 << 20  # characters of a line that are looked at for them
+LONGEST = 1 << 16  # characters of a line that are looked at for them
 
 
 @contextmanager
@@ -31,7 +30,10 @@ def opened(path):
 
 
 def cells(line, delimiter):
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:  # no text at all
+        return [line]
 
 
 def parted(first, second):
@@ -64,13 +66,13 @@ def read(path, wanted, damaged=False):
     """{name: values} of the wanted columns; others may hold any text. `damaged` leaves out a last line that is cut off."""
     names, delimiter = header(path)
     for name in wanted:
-        if names.count(name) != 1:
-            raise UserError(f"{path}:1: " + (f"duplicate column {name!r}; rename one" if name in names else f"no column {name!r}; near it: {near(name, names)}"))
+        if names.count(name) > 1:
+            raise UserError(f"{path}:1: duplicate column {name!r}; rename one")
     at = {names.index(name): name for name in wanted}
     columns = {name: array("d") for name in wanted}
     with opened(path) as file:
         rows = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
-        next(rows)
+        following(rows, path)  # the names
         while (row := following(rows, path)) is not None:
             try:
                 if len(row) != len(names):
@@ -99,4 +101,4 @@ def cut_off(path, rows):
     """Whether a line is the last one, without its end."""
     with open(path, "rb") as file:
         file.seek(-1, io.SEEK_END)
-        return file.read() != b"\n" and following(rows, path) is None
+        return file.read() not in b"\r\n" and following(rows, path) is None

@@ -92,6 +92,12 @@ $(VENV)/simulators-ready: tools/requirements-simulators.txt $(VENV)/ready
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-simulators.txt
 	@touch $@
 
+# The reader of ArduPilot's logs, which most users do not need.
+$(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
+	@echo "Reader of ArduPilot's logs ..."
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-logs.txt
+	@touch $@
+
 blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
 	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
 

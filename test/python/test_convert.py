@@ -18,8 +18,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
-from tinykoop import bridge, convert
-from tinykoop.convert import COLUMNS, FORMATS, crazyflie, ros2, ulog, usd, variables
+from tinykoop import bridge, convert, units
+from tinykoop.convert import COLUMNS, FORMATS, ardupilot, betaflight, crazyflie, ros2, ulog, usd, variables
 from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -89,9 +89,9 @@ def crazyflie_variables(m):
     }  # fmt: skip
 
 
-def write_crazyflie(path, ms, columns):
+def write_crazyflie(path, ms, columns, time="Timestamp"):
     """As cfclient: a time in whole ms, then the variables."""
-    lines = ["Timestamp," + ",".join(columns)]
+    lines = [f"{time}," + ",".join(columns)]
     lines += [f"{int(t)}," + ",".join(repr(float(c[i])) for c in columns.values()) for i, t in enumerate(ms)]
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -729,12 +729,14 @@ def good(tmp_path, form):
         return write_usd(tmp_path / "log00", [usd_event(T, crazyflie_variables(drive(T)))]), "ddr"
     if form == "ulog":
         return write_ulog(tmp_path / "log.ulg", ulog_flight(T)), "fwmav"
+    if form == "csv":
+        return write_crazyflie(tmp_path / "mine.csv", T * 1e3, drive(T), "t"), "ddr"
     plugin = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
     bag = write_bag(tmp_path / "bag", {"/odom": odometry(T), "/cmd_vel": twists(T)}, plugin)
     return next(p for p in bag.iterdir() if p.suffix in (".db3", ".mcap")), "ddr"
 
 
-KINDS = ("crazyflie", "usd", "ulog", "sqlite3", "mcap")
+KINDS = ("crazyflie", "csv", "usd", "ulog", "sqlite3", "mcap")
 
 
 @pytest.mark.parametrize("form", KINDS)
@@ -743,7 +745,7 @@ def test_cut_off_file_is_refused(tmp_path, form, share):
     path, platform = good(tmp_path, form)
     data = path.read_bytes()
     cut = int(share * len(data))
-    if form == "crazyflie":
+    if form in ("crazyflie", "csv"):
         cut = data.index(b",", cut) + 1  # in the midst of a line
     path.write_bytes(data[:cut])
     refused(path, platform, "cut off|damaged|empty")
@@ -770,12 +772,12 @@ def test_times_that_are_no_numbers_or_all_the_same(tmp_path):
     refused(crazyflie_log(tmp_path, ms, 0 * ms), "ddr", "samples to be trusted|has 1 samples")
 
 
-@pytest.mark.parametrize("form", ("crazyflie", "usd", "ulog"))
+@pytest.mark.parametrize("form", ("crazyflie", "csv", "usd", "ulog"))
 def test_damaged_takes_what_there_is(tmp_path, form):
     path, platform = good(tmp_path, form)
     whole = run(path, platform)
     data = path.read_bytes()
-    cut = data.index(b",", int(0.6 * len(data))) + 1 if form == "crazyflie" else int(0.6 * len(data)) + 1
+    cut = data.index(b",", int(0.6 * len(data))) + 1 if form in ("crazyflie", "csv") else int(0.6 * len(data)) + 1
     path.write_bytes(data[:cut])
     refused(path, platform, "--damaged")
     part = run(path, platform, damaged=True)
@@ -822,7 +824,7 @@ def test_foreign_file_whatever_format_it_is_said_to_be(tmp_path, form):
 def test_format_is_told_from_what_is_in_it(tmp_path):
     for form in KINDS:
         path, _ = good(tmp_path, form)
-        other = path.rename(tmp_path / "anything") if form in ("crazyflie", "usd", "ulog") else path
+        other = path.rename(tmp_path / "anything") if form in ("crazyflie", "csv", "usd", "ulog") else path
         assert convert.detect(other) == {"sqlite3": "ros2", "mcap": "ros2"}.get(form, form)
         if form in ("sqlite3", "mcap"):
             assert convert.detect(other.parent) == "ros2"
@@ -890,8 +892,9 @@ def test_source_is_never_written_over(tmp_path):
 def test_docs_name_the_usual_fields():
     """docs/convert.md has every usual source, and no other."""
     text = (ROOT / "docs/convert.md").read_text()
-    for table in (variables.USUAL, ulog.USUAL):
+    for table in (variables.USUAL, ulog.USUAL, ardupilot.USUAL, betaflight.USUAL):
         for name in {name for names in table.values() for name in names}:
             assert f"`{name}`" in text or f"`{name.split('[')[0]}`" in text, name
+    assert all(f"`{form}`" in text for form in FORMATS) and all(f"`{unit}`" in text for unit in units.UNITS if unit not in ("mV", "%"))
     for kind in {name.partition(".")[0] for names in ros2.USUAL.values() for name in names}:
         assert f"`{kind}`" in text, kind

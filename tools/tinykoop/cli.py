@@ -7,6 +7,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+from .formats import FORMATS
 from .platforms import COLUMNS as PLATFORMS
 from .plumbing.errors import UserError
 from .plumbing.results import printable
@@ -57,15 +58,16 @@ def _your_log(add):
     when.add_argument("log")
     when.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
 
-    convert = add("convert", "convert a log of a Crazyflie, PX4 or ROS 2 to CSV (docs/convert.md)", out=False)
+    convert = add("convert", "convert a log of an autopilot or ROS 2, or a CSV of your own (docs/convert.md)", out=False)
     convert.add_argument("source", help="log file, or folder of a bag or of a cfclient session")
     convert.add_argument("csv", metavar="OUT.csv", help="file to write")
     convert.add_argument("--platform", choices=PLATFORMS, required=True, help="which columns")
-    convert.add_argument("--format", choices=("usd", "ulog", "ros2", "crazyflie"), help="default: by what is in the file")
+    known = "; ".join(f"{name} ({what})" for name, what in FORMATS.items())
+    convert.add_argument("--format", choices=FORMATS, help=f"default: by what is in the file. {known}")
     convert.add_argument("--rate", type=float, metavar="HZ", help="rows per second (default: the rate of the slowest part of the state)")
     convert.add_argument(
-        "--map", nargs="+", action="extend", default=[], metavar="COLUMN=TOPIC.FIELD",
-        help="source of a column, such as u=ctrltarget.pitch (docs/convert.md)",
+        "--map", nargs="+", action="extend", default=[], metavar="MAP",
+        help="sources of columns, such as u=ctrltarget.pitch px=x[mm], or a TOML file with [log] (docs/convert.md)",
     )  # fmt: skip
     convert.add_argument("--damaged", action="store_true", help="read what is intact of a truncated file")
 

@@ -7,6 +7,11 @@ COLUMNS = {  # beside t
     "fwmav": ("gx", "gy", "gz", "ax", "ay", "az", "pitch", "roll", "yaw", "yaw_rate", "u"),
 }
 COMMANDS = ("v", "omega", "u")
+UNITS = {  # of the columns of all of them
+    "t": "s", "px": "m", "py": "m", "theta": "rad", "v": "m/s", "omega": "rad/s",
+    "gx": "rad/s", "gy": "rad/s", "gz": "rad/s", "ax": "m/s2", "ay": "m/s2", "az": "m/s2",
+    "pitch": "rad", "roll": "rad", "yaw": "rad", "yaw_rate": "rad/s", "u": "rad",
+}  # fmt: skip
 HEADER = 1 << 16  # characters of the first line that are looked at
 
 

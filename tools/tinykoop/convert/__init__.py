@@ -1,6 +1,6 @@
 """Logs of others to the CSV that everything here reads: `tinykoop convert`.
 
-A source format is one file beside this one and one line in FORMATS. It says which fields a file has,
+A source format is one file beside this one and one line in formats.py. It says which fields a file has,
 which of them usually make which column, and what brings each to SI units with x forward, y left, z up.
 The rest is the same for all: choosing fields (choose.py), the uniform rows (rows.py), writing.
 """
@@ -10,18 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..formats import FORMATS
 from ..platforms import COLUMNS, COMMANDS
 from ..plumbing.errors import UserError
-from ..plumbing.results import console, number, print_table, write_bytes
+from ..plumbing.results import console, number, print_table, printable, write_bytes
 from .choose import choose
 from .rows import resample
-
-FORMATS = {
-    "usd": "Crazyflie uSD deck, binary",
-    "ulog": "PX4 ULog",
-    "ros2": "ROS 2 bag: folder, .mcap or .db3",
-    "crazyflie": "cfclient log-to-file: a CSV, or the folder of CSVs of one session",
-}
 
 
 def detect(path):
@@ -45,7 +39,7 @@ def detect(path):
 def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
     """Converts the log `source` to the CSV `out`, and says what each column was made of.
 
-    rate: rows a second (default: that of the slowest part of the state). maps: COLUMNS=TOPIC[.FIELD][*FACTOR].
+    rate: rows a second (default: that of the slowest part of the state). maps: COLUMNS=FIELD[UNIT]*FACTOR, or a TOML file.
     damaged: take what can be read of a file that is cut off.
     """
     source, out = Path(source), Path(out)
@@ -58,7 +52,7 @@ def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
     module = import_module(f".{form or detect(source)}", __package__)
     with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes make numbers of every kind
         log = module.open_log(source, damaged)
-        chosen = choose(log, COLUMNS[platform], maps)
+        chosen = log.clocked(choose(log, (*log.timed, *COLUMNS[platform]), maps))
         table = resample(log, chosen, rate)
     write_table(out, table, COLUMNS[platform])
     report(source, table, chosen)
@@ -81,7 +75,7 @@ def report(source, table, chosen):
         where = f"{field.label}{'' if field.factor == 1 else f' * {field.factor:g}'}" if field else "gyro and attitude"
         rate = number(table.rates[column]) if field else ""
         lines.append([column, where, "held" if column in COMMANDS else "interpolated" if field else "computed", rate])
-    print_table(source.name, ["column", "from", "between samples", "its rate (Hz)"], lines)
+    print_table(printable(source.name), ["column", "from", "between samples", "its rate (Hz)"], lines)
     count, parts, masked = len(table.t), int(table.seg[-1]) + 1, int((~table.pose_ok).sum())
     text = f"{count:,} rows at {table.rate:.6g} Hz, {table.t[-1]:.1f} s; segments: {parts}; rows with pose_ok 0: {masked:,}."
     console.print("\n".join([text, *table.notes]), highlight=False)

@@ -1,8 +1,10 @@
-"""Which field of the file makes which column: the usual ones, or what the user says."""
+"""Which field of the file makes which column: the usual ones, or what the user says (maps.py)."""
 
 from dataclasses import dataclass
 
+from ..plumbing.asked import near, plain
 from ..plumbing.errors import UserError
+from .maps import mappings
 
 ANGLES = ("pitch", "roll", "yaw", "theta")
 MOST = 60  # names listed in a message
@@ -19,7 +21,7 @@ class Field:
 
 def listed(names):
     """Names for a message of one line."""
-    names = ["".join(c if c.isprintable() else "?" for c in str(name))[:80] for name in names]
+    names = [plain(name) for name in names]
     return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "") or "nothing"
 
 
@@ -27,8 +29,10 @@ def choose(log, columns, maps=()):
     """{column: Field}; yaw_rate, where nothing is said, None: it follows from gyro and attitude."""
     chosen = dict.fromkeys(columns) | said(log, columns, maps)
     missing, several = {}, {}
-    for column in (c for c in columns if chosen[c] is None and c != "yaw_rate"):
+    for column in (c for c in columns if chosen[c] is None):
         found = usual(log, column)
+        if not found and column == "yaw_rate":
+            continue
         if not found:
             missing.setdefault(tuple(dict.fromkeys(map(log.words, log.usual.get(column, ())))), []).append(column)
         elif len(found) > 1:
@@ -36,9 +40,9 @@ def choose(log, columns, maps=()):
         else:
             chosen[column] = found[0][1]
     if missing:
-        what = [", ".join(wanted) + f" (usually {' or '.join(names)})" for names, wanted in missing.items()]
+        what = [", ".join(wanted) + (f" (usually {' or '.join(names)})" if names else "") for names, wanted in missing.items()]
         raise UserError(
-            f"{log.path}: nothing for {'; '.join(what)}: {log.mend}, or name the field with --map COLUMN=TOPIC.FIELD; "
+            f"{log.path}: nothing for {'; '.join(what)}: {log.mend}, or name the field with --map COLUMN={log.place}; "
             f"the file has {listed(log.names())}"
         )
     for topics, wanted in several.items():
@@ -52,20 +56,11 @@ def choose(log, columns, maps=()):
 def said(log, columns, maps):
     """{column: Field} of what the user maps."""
     fields = {}
-    for text in maps:
-        left, _, right = text.partition("=")
-        if not left or not right:
-            raise UserError(f"--map {text}: say COLUMN=TOPIC.FIELD, as in {columns[0]}={example(log)}")
-        for column in left.split(","):
-            if column not in columns:
-                raise UserError(f"--map {text}: no column {column!r} here; there are {', '.join(columns)}")
-            fields[column] = mapped(log, column, right, text)
+    for mapping in mappings(log, columns, maps):
+        if mapping.column in fields:
+            raise UserError(f"--map {mapping.text}: {mapping.column} is mapped twice; leave one out")
+        fields[mapping.column] = mapped(log, mapping)
     return fields
-
-
-def example(log):
-    """Some TOPIC.FIELD of the file."""
-    return next((f"{topic}.{fields[0]}" for topic, fields in log.topics.items() if fields), "TOPIC.FIELD")
 
 
 def usual(log, column):
@@ -79,30 +74,23 @@ def usual(log, column):
 
 def as_field(log, column, topic, name, factor=1.0):
     """Field of a topic: a number, or for an angle a quaternion; None if the file has neither."""
-    fields = log.topics.get(topic, ())
+    fields, label = log.topics.get(topic, ()), log.full(topic, name)
     if name in fields:
-        return Field(f"{topic}.{name}", (f"{topic}.{name}",), factor)
+        return Field(label, (label,), factor)
     parts = [name + part for part in log.quaternion]
     if column in ANGLES and all(part in fields for part in parts):
-        return Field(f"{topic}.{name}", tuple(f"{topic}.{part}" for part in parts), factor)
+        return Field(label, tuple(log.full(topic, part) for part in parts), factor)
     return None
 
 
-def mapped(log, column, right, text):
-    """Field that the user named: TOPIC.FIELD, or TOPIC alone for the usual one in it."""
-    name, star, factor = right.partition("*")
-    try:
-        factor = float(factor) if star else 1.0
-    except ValueError:
-        raise UserError(f"--map {text}: the factor {factor!r} is not a number")
-    topic = max((t for t in log.topics if f"{name}.".startswith(f"{t}.")), key=len, default=None)
-    if topic is None:
-        raise UserError(f"--map {text}: {log.path} has no topic for {name!r}; it has {listed(log.names())}")
-    if name == topic:
-        candidates = [wanted for c in log.usual.get(column, ()) for where, wanted in log.find(c) if where == topic]
-    else:
-        candidates = [name[len(topic) + 1 :]]
-    for candidate in candidates:
-        if field := as_field(log, column, topic, candidate, factor):
+def mapped(log, mapping):
+    """Field that the user named: a topic's field, or a topic alone for the usual one in it."""
+    found = log.split(mapping.name)
+    if found is None:
+        raise UserError(f"--map {mapping.text}: {log.path} has no topic for {mapping.name!r}; it has {listed(log.names())}")
+    topic, name = found
+    usual = [wanted for c in log.usual.get(mapping.column, ()) for where, wanted in log.find(c) if where == topic]
+    for candidate in [name] if name else usual:
+        if field := as_field(log, mapping.column, topic, candidate, mapping.factor):
             return field
-    raise UserError(f"--map {text}: {log.path} has no such field; {topic} has {listed(log.topics[topic])}")
+    raise UserError(f"--map {mapping.text}: {log.path}: no such field; {topic or 'the file'} has {near(name, log.topics[topic])}")

@@ -20,11 +20,22 @@ class Log:
 
     quaternion = (".w", ".x", ".y", ".z")  # what follows the name of a quaternion
     mend = "log it"
+    place = "TOPIC.FIELD"  # how the user names a field
+    timed = ()  # "t", where the time is a field like others
 
     def __init__(self, path):
         self.path = path
         self.topics = {}  # topic: its fields
         self.usual = {}  # column: candidates, the best first
+
+    def split(self, name):
+        """(topic, field) of what the user names, without a field where it is a topic; None where there is no such topic."""
+        topic = max((t for t in self.topics if f"{name}.".startswith(f"{t}.")), key=len, default=None)
+        return None if topic is None else (topic, name[len(topic) + 1 :])
+
+    def clocked(self, chosen):
+        """The chosen fields, without the time."""
+        return chosen
 
     def find(self, candidate):
         """[(topic, field)] of the file that a usual source stands for."""
@@ -39,6 +50,32 @@ class Log:
         """What the file has, as a message says it."""
         return list(self.topics)
 
+    def full(self, topic, field):
+        """A field, as messages and read() name it."""
+        return f"{topic}.{field}"
+
     def read(self, names, commands):
         """{TOPIC.FIELD: Series}; `commands` are those that count from when they were given, not measured."""
         raise NotImplementedError
+
+
+class FlatLog(Log):
+    """Columns of a table, which have no topics."""
+
+    place = "COLUMN[UNIT]"
+
+    def __init__(self, path, names):
+        super().__init__(path)
+        self.topics = {"": list(names)}
+
+    def split(self, name):
+        return "", name
+
+    def find(self, candidate):
+        return [("", candidate)]
+
+    def names(self):
+        return self.topics[""]
+
+    def full(self, topic, field):
+        return field

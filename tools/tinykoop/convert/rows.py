@@ -94,7 +94,7 @@ def tidy(log, column, source, raw):
     if len(at) < (1 if command else 2) or not (command or trusted[at].any()):
         raise UserError(
             f"{log.path}: {source.label} for {column} has {int(trusted[at].sum())} samples to be trusted; "
-            f"log it, or choose another with --map {column}=TOPIC.FIELD"
+            f"log it, or choose another with --map {column}={log.place}"
         )
     return Series(first.t[at], x[at] * source.factor, trusted[at], None if first.epoch is None else first.epoch[at])
 

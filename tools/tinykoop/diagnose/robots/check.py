@@ -115,7 +115,7 @@ def mistakes(robot, log):
             yield f"{s.name} is in radians already", f'{s.name}: unit = "rad"', _state(log, robot, i, np.degrees)
         if s.unit == "m":
             yield f"{s.name} is in millimetres", f'{s.name}: unit = "mm"', _state(log, robot, i, lambda v: v * 1e-3)
-        yield f"{s.name} has the other sign", f"turn the sign of column {s.column}", _state(log, robot, i, np.negative)
+        yield f"{s.name} has the other sign", f"{s.name}: factor = {turned(s)}", _state(log, robot, i, np.negative)
         for j in robot.measured:
             if i < j and robot.states[j].unit == s.unit:
                 yield (
@@ -124,7 +124,7 @@ def mistakes(robot, log):
                     _swapped(log, robot, i, j),
                 )
     for j, c in enumerate(robot.commands):
-        yield f"{c.name} has the other sign", f"turn the sign of column {c.column}", _command(log, lambda u, j=j: _scaled(u, j, -1.0))
+        yield f"{c.name} has the other sign", f"{c.name}: factor = {turned(c)}", _command(log, lambda u, j=j: _scaled(u, j, -1.0))
         if c.unit in ("rad", "rad/s"):
             yield (
                 f"{c.name} is in degrees",
@@ -138,6 +138,11 @@ def mistakes(robot, log):
                 f"swap the columns {other.column} and {c.column}",
                 _command(log, lambda u, i=i, j=j: _swap(u, i, j)),
             )
+
+
+def turned(signal):
+    """A factor that turns the sign."""
+    return -1 if signal.scale > 0 else 1
 
 
 def _swap(u, i, j):

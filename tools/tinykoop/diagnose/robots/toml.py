@@ -4,18 +4,13 @@ import math
 import tomllib
 from pathlib import Path
 
+from ... import units
 from ...plumbing.errors import UserError
 from .. import simulators
 from ..robot import Gap, Inner, Robot, Signal
 from ..simulators import python, recorded
 from .log import read as read_log
 
-# What one of a unit is in the unit that a robot is told in.
-UNITS = {
-    ("deg", "rad"): math.pi / 180, ("deg/s", "rad/s"): math.pi / 180, ("rpm", "rad/s"): 2 * math.pi / 60,
-    ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("ns", "s"): 1e-9, ("mm", "m"): 1e-3, ("cm", "m"): 1e-2, ("mm/s", "m/s"): 1e-3,
-    ("cm/s", "m/s"): 1e-2, ("km/h", "m/s"): 1 / 3.6, ("g", "m/s2"): 9.80665, ("mV", "V"): 1e-3, ("%", "1"): 1e-2,
-}  # fmt: skip
 SECTIONS = ("name", "log", "simulator", "parameter", "effect", "effects", "report")
 
 
@@ -32,22 +27,18 @@ def _need(table, key, kind, where, path):
     return table[key]
 
 
-def _unit(table):
-    """(unit that the robot is told in, what one of the column's unit is in that)."""
-    unit = table.get("unit", "1")
-    base = next((to for (of, to) in UNITS if of == unit), unit)
-    return base, UNITS.get((unit, base), 1.0)
-
-
-KEYS = ("name", "column", "unit", "wraps", "measures")
+KEYS = ("name", "column", "unit", "factor", "wraps", "measures")
 
 
 def _signal(table, where, path, column=True):
+    if not isinstance(table, dict):
+        raise UserError(f"{path}: {where}: {table!r} must be a table, as {{name = \"px\", column = \"x\", unit = \"m\"}}")
     _expect(table, KEYS, where, path)
     name = _need(table, "name", str, where, path)
     if column:
         _need(table, "column", str, f"{where} {name}", path)
-    unit, scale = _unit(table)
+    unit, scale = units.base(table.get("unit", "1"))
+    scale *= _need({"factor": 1.0} | table, "factor", (int, float), f"{where} {name}", path)
     return Signal(name, unit, table.get("column"), scale, bool(table.get("wraps", False)), table.get("measures"))
 
 
@@ -107,10 +98,8 @@ def read_both(path, log_file, sim=None):
     return (recorded.of(robot, sim, log) if sim else robot), log
 
 
-def read(path, simulated=True):
-    """The Robot of a TOML file; without a simulator and what belongs to that if it is not `simulated`."""
-    path = Path(path)
-    table = _text(path)
+def _log(table, path):
+    """(time, states, commands, outputs) of [log]."""
     _expect(table, SECTIONS, "the file", path)
     log = _need(table, "log", dict, "the file", path)
     _expect(log, ("time", "state", "command", "extra"), "[log]", path)
@@ -118,7 +107,21 @@ def read(path, simulated=True):
     time = _signal({"name": "t", "unit": "s"} | time, "[log] time", path)
     states = tuple(_signal(s, "[log] state", path) for s in _need(log, "state", list, "[log]", path))
     commands = tuple(_signal(s, "[log] command", path) for s in _need(log, "command", list, "[log]", path))
-    outputs = tuple(_signal(s, "[log] extra", path) for s in log.get("extra", []))
+    return time, states, commands, tuple(_signal(s, "[log] extra", path) for s in log.get("extra", []))
+
+
+def columns(path):
+    """Signals of the log, time first, in a robot's file or one that has nothing but [log]."""
+    path = Path(path)
+    time, states, commands, _ = _log(_text(path), path)
+    return time, *states, *commands
+
+
+def read(path, simulated=True):
+    """The Robot of a TOML file; without a simulator and what belongs to that if it is not `simulated`."""
+    path = Path(path)
+    table = _text(path)
+    time, states, commands, outputs = _log(table, path)
     simulator = _simulator(table, path) if simulated else {}
     states += tuple(Signal(*h.split("@")) if "@" in h else Signal(h, "1") for h in simulator.get("hidden", []))
     _expect(simulator, simulators.keys(), "[simulator]", path)

@@ -14,9 +14,9 @@ from math import nan
 
 import numpy as np
 
+from ...plumbing.asked import among, package
 from ...plumbing.errors import UserError
 from ..robot import RunsAway
-from .asked import among, package
 
 KEYS = ("states", "inputs", "starts")
 WARNING, DISCARD = 1, 2  # statuses of a call: above a warning it has failed
@@ -283,7 +283,7 @@ def _allow(place, variables, kinds, what):
 
 
 def make(table, folder, names):
-    fmpy, place = package("fmpy"), table["fmu"]
+    fmpy, place = package("fmpy", "simulators"), table["fmu"]
     states, commands, fields = names
     description = _described(fmpy, folder / place, place)
     of = _Names(place, description)

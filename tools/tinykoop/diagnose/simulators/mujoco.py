@@ -8,8 +8,8 @@ import os
 
 import numpy as np
 
+from ...plumbing.asked import among, package
 from ...plumbing.errors import UserError
-from .asked import among, package
 
 KEYS = ("qpos", "qvel", "act", "ctrl", "sensordata")
 COUNTS = {
@@ -81,7 +81,7 @@ class Mujoco:
     """state, ctrl, sensed: which of the robot's states and commands stand where in those of the model."""
 
     def __init__(self, model, state, ctrl, sensed, addresses, fields, threads=None):
-        self.package, self.model = package("mujoco"), model
+        self.package, self.model = package("mujoco", "simulators"), model
         self.state, self.ctrl, self.sensed, self.addresses = state, ctrl, sensed, addresses
         self.fields, self.own_step, self.models = fields, model.opt.timestep, {}
         self.velocities, self.moved = state[model.nq : model.nq + model.nv], state[: model.nq]
@@ -130,7 +130,7 @@ class Mujoco:
     def _threads(self):
         """As many as there is data for; they are kept, since to start them takes longer than a step."""
         if self.pool is None or self.pool[0] != len(self.data):
-            self.pool = len(self.data), package("mujoco.rollout").Rollout(nthread=len(self.data))
+            self.pool = len(self.data), package("mujoco.rollout", "simulators").Rollout(nthread=len(self.data))
         return self.pool[1]
 
     def _rollout(self, model, start, control, steps):
@@ -183,7 +183,7 @@ def _address(model, place):
 
 def make(table, folder, names):
     states, commands, fields = names
-    model = _load(package("mujoco"), folder / table["mujoco"])
+    model = _load(package("mujoco", "simulators"), folder / table["mujoco"])
     joints = _named(model, "joint")
     state = [*_order(table, "qpos", joints, states), *_order(table, "qvel", joints, states)]
     state += _order(table, "act", [a.name for a in map(model.actuator, range(model.nu)) for _ in range(a.actnum[0])], states)

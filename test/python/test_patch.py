@@ -5,6 +5,7 @@ import importlib.util
 import json
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,49 @@ def test_a_python_snippet_does_to_commands_what_the_simulator_does(case, tmp_pat
     np.testing.assert_allclose(done, expected, atol=1e-9)
 
 
+PROGRAM = """
+#include <stdio.h>
+int main(void) {
+	struct executed past = {0};
+	double u[2];
+	while (scanf("%lf %lf", &u[0], &u[1]) == 2) {
+		if (executed(&past, u, STEP)) { return 1; }
+		printf("%.17g %.17g\\n", u[0], u[1]);
+	}
+	return 0;
+}
+"""
+
+
+def compiled(folder, source, dt):
+    """A program that puts each line of commands through the snippet; nothing of it may draw a warning."""
+    (folder / "main.c").write_text(f"{source}{PROGRAM}")
+    strict = "-std=c99 -Wall -Wextra -Werror -Wpedantic -Wconversion -Wshadow".split()
+    subprocess.run(["gcc", *strict, f"-DSTEP={dt!r}", "-o", folder / "main", folder / "main.c", "-lm"], check=True)
+    return folder / "main"
+
+
+@pytest.mark.parametrize("case", SNIPPETS)
+def test_a_c_snippet_does_to_commands_what_the_python_snippet_does(case, tmp_path):
+    table, dt = bridge.effects(), 0.05
+    effects = {name: ({row[0]: v for row, v in zip(table[name][1], params)}, "") for name, params in SNIPPETS[case]}
+    for name in ("robot.py", "robot.c"):
+        patch.run(report_of(tmp_path, effects), tmp_path / name, write=True)
+    scope = {}
+    exec((tmp_path / "robot.py").read_text(), scope)
+    u = np.repeat(np.random.default_rng(3).uniform((-0.5, -1.0), (1.5, 1.0), (20, 2)), 10, axis=0)
+    given = "\n".join(f"{v!r} {omega!r}" for v, omega in u.tolist())
+    done = subprocess.run([compiled(tmp_path, (tmp_path / "robot.c").read_text(), dt)], input=given, capture_output=True, text=True, check=True)
+    found = np.array(done.stdout.split(), float).reshape(-1, 2)
+    np.testing.assert_allclose(found, np.column_stack(scope["executed"](*u.T, dt)), atol=1e-12)
+
+
+def test_a_c_snippet_refuses_a_delay_of_more_steps_than_it_remembers(tmp_path):
+    patch.run(report_of(tmp_path, drive(transport_delay={"delay": 0.15})), tmp_path / "robot.c", write=True)
+    program = compiled(tmp_path, (tmp_path / "robot.c").read_text(), 1e-4)
+    assert subprocess.run([program], input="1 0\n", text=True).returncode == 1
+
+
 @pytest.fixture(scope="module")
 def lagging(tmp_path_factory):
     """(folder, robot, log) of the car whose steering is slow."""
@@ -138,6 +182,22 @@ def test_without_write_the_file_stays_and_the_change_is_shown(tmp_path, capsys):
     patch.run(report_of(tmp_path, drive(yaw_gain={"b": 0.25})), into)
     assert into.read_text() == YAML
     assert "+    wheel_separation_multiplier: 0.8\n" in capsys.readouterr().out
+
+
+def test_the_printed_change_is_a_patch_of_the_file(tmp_path, capsys):
+    """By the program `patch`: tabs, and a last line without an end, included."""
+    if not shutil.which("patch"):
+        pytest.skip("no patch here: apt-get install patch")
+    into, tabs = tmp_path / "controller.yaml", YAML.replace("    wheel", "    \twheel").rstrip("\n")
+    into.write_text(tabs)
+    report = report_of(tmp_path, drive(speed_gain={"a": 0.1}))
+    patch.run(report, into)
+    printed = capsys.readouterr().out
+    patch.run(report, into, write=True)
+    new = into.read_text()
+    into.write_text(tabs)
+    subprocess.run(["patch", "-s", into], input=printed, text=True, check=True)
+    assert into.read_text() == new != tabs
 
 
 def test_an_effect_of_the_robots_file_must_be_one_that_there_is(lagging, tmp_path):

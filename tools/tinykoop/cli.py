@@ -31,7 +31,7 @@ def _your_log(add):
     gap.add_argument("--healthy", nargs="+", default=[], metavar="LOG", help="logs of the healthy or earlier robot: then, what changed")
     gap.add_argument("--sim", metavar="SIM.csv", help="TOML file: a run of your simulator under the log's commands, instead of [simulator]")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
-    most = "exit status 1 if the simulator's error at the longest horizon is larger (m, rad, ..)"
+    most = "exit status 1 if the simulator's error at the longest horizon is larger (m, rad, ..); of several logs, in any of them"
     gap.add_argument("--max-gap", type=float, metavar="SIZE", help=most)
     gap.add_argument("--jobs", type=int, help="for several logs: processes (default: all cores)")
     gap.add_argument("--cluster", help="for several logs: address of a Dask scheduler that shares these folders")
@@ -221,13 +221,12 @@ def dispatch(a):
         out = a.out / "diagnose" if a.out == OUT else a.out
         if len(a.log) == 1:
             result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim)
-            return diagnose.exceeds(result, a.max_gap)
+            return diagnose.exceeds(result.report, a.max_gap)
         elif a.sim:
             raise UserError("--sim: a run under the commands of one log; give one log")
-        elif a.max_gap is not None:
-            raise UserError("--max-gap: it is the gap of one log; give one log")
         else:
-            several.run(a.log, out, _options(a), a.jobs, a.cluster)
+            reports = several.run(a.log, out, _options(a), a.jobs, a.cluster)
+            return any([diagnose.exceeds(report, a.max_gap, log) for log, report in reports])  # each says so
     elif a.command == "robot":
         from .diagnose.robots import check, new
 

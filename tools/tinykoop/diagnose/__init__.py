@@ -4,7 +4,6 @@ Data flow: platforms (a log as the engine takes it) -> prediction_errors (the en
 report) -> report (what people read: a story, on the terminal and as a page).
 """
 
-import math
 from importlib import import_module
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
 from .report.html import html
+from .report.story import Teller
 from .report.terminal import say, show
 from .robots import is_own
 
@@ -43,14 +43,14 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
     return result
 
 
-def exceeds(result, most):
-    """Whether the simulator's error at the longest horizon is larger than this, if something is given; says so."""
-    gap = result.report["gap"]["before"]
-    key = max((key for key, value in gap.items() if math.isfinite(value)), key=int, default=None)
-    if most is None or (key and gap[key] <= most):
+def exceeds(report, limit, log=""):
+    """Whether the simulator's error at the longest horizon is larger than the limit, if there is one; says so."""
+    gap, key, unit = report["gap"]["before"], Teller.horizon(report["gap"]), report["gap"]["unit"]
+    if limit is None or (key and gap[key] <= limit):
         return False
-    unit = result.report["gap"]["unit"]
-    say(f"The gap is {gap[key]:.3g} {unit} {key} steps ahead, more than {most:g} {unit}." if key else "The gap could not be measured.")
+    of = f"{printable(log)}: " if log else ""
+    said = f"The gap is {gap[key]:.3g} {unit} {key} steps ahead, more than {limit:g} {unit}." if key else "The gap could not be measured."
+    say(f"{of}{said}")
     return True
 
 

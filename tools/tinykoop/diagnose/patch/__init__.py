@@ -5,11 +5,12 @@ import json
 from pathlib import Path
 
 from ...plumbing.errors import UserError
-from ...plumbing.results import console, printable, write_bytes
+from ...plumbing.results import printable, write_bytes
 from ..report.terminal import say
-from . import diff_drive, mjcf, python, toml
+from . import c, diff_drive, mjcf, python, toml
 
-WRITERS = {".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python}
+WRITERS = {".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python, ".c": c}
+NEW = (python, c)  # a file that is not there yet is begun
 
 
 def _report(path):
@@ -31,10 +32,16 @@ def patched(report, path):
     if writer is None:
         raise UserError(f"{path}: --into takes {', '.join(WRITERS)}; copy the sizes from the report's table by hand")
     try:
-        text = path.read_text() if path.exists() or writer is not python else ""
+        text = path.read_text() if path.exists() or writer not in NEW else ""
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read ({error})") from error
     return text, writer.patched(text, report, path)
+
+
+def difference(text, new, name):
+    """The change as `patch` takes it."""
+    lines = difflib.unified_diff(*(part.splitlines(keepends=True) for part in (text, new)), name, name)
+    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
 
 def run(report_file, into, write=False):
@@ -42,8 +49,7 @@ def run(report_file, into, write=False):
     into = Path(into)
     report = _report(report_file)
     text, new = patched(report, into)
-    lines = [part.splitlines(keepends=True) for part in (text, new)]
-    console.print("".join(difflib.unified_diff(*lines, printable(into), printable(into))), markup=False, highlight=False, soft_wrap=True)
+    print(difference(text, new, printable(into)), end="")
     for name, others in report.get("ambiguous_with", {}).items():
         say(f"{name} may as well be {' or '.join(others)}: the log cannot separate them.")
     if write:

@@ -4,12 +4,16 @@ import difflib
 import json
 from pathlib import Path
 
+import numpy as np
+
 from ...plumbing.errors import UserError
 from ...plumbing.results import printable, write_bytes
 from ..report.terminal import say
-from . import c, diff_drive, mjcf, python, toml
+from . import c, diff_drive, mjcf, python, sdf, toml, urdf
 
-WRITERS = {".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python, ".c": c}
+WRITERS = {
+    ".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".urdf": urdf, ".xacro": urdf, ".sdf": sdf, ".py": python, ".c": c,
+}  # fmt: skip
 NEW = (python, c)  # a file that is not there yet is begun
 
 
@@ -23,7 +27,14 @@ def _report(path):
         raise UserError(f"{path}: is no report of `tinykoop diagnose`; give its report.json") from error
     if verdict != "known" or not effects:
         raise UserError(f"{path}: the verdict is '{verdict}', so there is nothing to patch; record another log and diagnose that")
+    for effect in effects:
+        if not _all_along(effect, report):
+            raise UserError(f"{path}: {effect['name']} acts in a part of the log only; a simulator's number cannot say that")
     return report
+
+
+def _all_along(effect, report):
+    return not effect["segments"] or len(effect["segments"]) == 1 and np.ptp(effect["segments"]) >= 0.999 * report["log"]["seconds"]
 
 
 def patched(report, path):

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_patch import drive, report_of
 from tinykoop.diagnose import patch
 from tinykoop.diagnose.patch import gazebo
 from tinykoop.plumbing.errors import UserError
-
-from test_patch import drive, report_of
 
 OWN = Path(__file__).resolve().parents[2] / "examples/own_robot"
 PLUGIN = """<plugin filename="gz-sim-diff-drive-system" name="gz::sim::systems::DiffDrive">

@@ -33,6 +33,7 @@ def _your_log(add):
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
     most = "exit status 1 if the simulator's error at the longest horizon is larger (m, rad, ..); of several logs, in any of them"
     gap.add_argument("--max-gap", type=float, metavar="SIZE", help=most)
+    gap.add_argument("--mcap", metavar="OUT.mcap", help="also write measured and predicted paths, residuals and events, for Foxglove or Rerun")
     gap.add_argument("--jobs", type=int, help="for several logs: processes (default: all cores)")
     gap.add_argument("--cluster", help="for several logs: address of a Dask scheduler that shares these folders")
     robot = add("robot", "your own robot: write its file, check it against a log (docs/own-robot.md)", out=False)
@@ -220,10 +221,12 @@ def dispatch(a):
 
         out = a.out / "diagnose" if a.out == OUT else a.out
         if len(a.log) == 1:
-            result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim)
+            result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim, a.mcap)
             return diagnose.exceeds(result.report, a.max_gap)
         elif a.sim:
             raise UserError("--sim: a run under the commands of one log; give one log")
+        elif a.mcap:
+            raise UserError("--mcap: the recording of one log; give one log")
         else:
             reports = several.run(a.log, out, _options(a), a.jobs, a.cluster)
             return any([diagnose.exceeds(report, a.max_gap, log) for log, report in reports])  # each says so

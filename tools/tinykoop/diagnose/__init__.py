@@ -10,6 +10,7 @@ from pathlib import Path
 from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
+from . import recording
 from .report.html import html
 from .report.story import Teller
 from .report.terminal import say, show
@@ -21,14 +22,16 @@ def platform(robot):
     return import_module(f".platforms.{'own' if is_own(robot) else robot}", __package__)
 
 
-def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
+def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mcap=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
 
-    robot: a platform, or the TOML file of one's own; without it the columns tell the platform. sim: with a TOML file, a run of the
+    mcap: also what was measured and predicted, into this file. robot: a platform, or the TOML file of one's own; without it the columns tell the platform. sim: with a TOML file, a run of the
     simulator under the log's commands.
     """
     if sim and not (robot and is_own(robot)):
         raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
+    if mcap:
+        recording.prepare(mcap)
     robot = of_log(path) if robot is None else robot
     with busy(f"diagnosing {Path(path).name}"):
         kind = platform(robot)
@@ -40,6 +43,8 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
     with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
         write_bytes(out / "report.html", html(told))
     show(told, out / "report.html")
+    if mcap:
+        recording.write(result, mcap)
     return result
 
 

@@ -30,7 +30,8 @@ YAML = """controller:
 def report_of(folder, effects, verdict="known"):
     """A report file with these effects {name: params}, which act all along."""
     told = [
-        {"name": name, "params": params, "segments": [[0.0, 10.0]], "formula": "", "field": field} for name, (params, field) in effects.items()
+        {"name": name, "params": params, "segments": [[0.0, 10.0]], "formula": "", "field": field}
+        for name, (params, field) in effects.items()
     ]
     path = folder / "report.json"
     path.write_text(json.dumps({"verdict": verdict, "effects": told, "log": {"seconds": 10.0}}))
@@ -185,7 +186,9 @@ def test_a_c_snippet_does_to_commands_what_the_python_snippet_does(case, tmp_pat
     exec((tmp_path / "robot.py").read_text(), scope)
     u = np.repeat(np.random.default_rng(3).uniform((-0.5, -1.0), (1.5, 1.0), (20, 2)), 10, axis=0)
     given = "\n".join(f"{v!r} {omega!r}" for v, omega in u.tolist())
-    done = subprocess.run([compiled(tmp_path, (tmp_path / "robot.c").read_text(), dt)], input=given, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [compiled(tmp_path, (tmp_path / "robot.c").read_text(), dt)], input=given, capture_output=True, text=True, check=True
+    )
     found = np.array(done.stdout.split(), float).reshape(-1, 2)
     np.testing.assert_allclose(found, np.column_stack(scope["executed"](*u.T, dt)), atol=1e-12)
 
@@ -248,7 +251,10 @@ def test_an_effect_of_the_robots_file_must_be_one_that_there_is(lagging, tmp_pat
     for name in ("car.toml", "car.py"):
         shutil.copy(OWN / "car" / name, tmp_path)
     text = (tmp_path / "car.toml").read_text()
-    for block, says in (('name = "lag:wheel"\nparams = {tau = 0.1}', "lists what there is"), ('name = "lag:speed"\nparams = {a = 0.1}', "tau")):
+    for block, says in (
+        ('name = "lag:wheel"\nparams = {tau = 0.1}', "lists what there is"),
+        ('name = "lag:speed"\nparams = {a = 0.1}', "tau"),
+    ):
         (tmp_path / "car.toml").write_text(f"{text}\n[[effect]]\n{block}\n")
         with pytest.raises(UserError, match=says):
             run(log, tmp_path / "out", robot=str(tmp_path / "car.toml"))

@@ -113,7 +113,10 @@ def test_a_patched_sdf_has_the_parameters(tmp_path):
     assert numbers("link/collision/surface/friction/ode/mu") == numbers("link/collision/surface/friction/ode/mu2") == [0.8, 0.8]
 
 
-@pytest.mark.parametrize("suffix, text", [("urdf", URDF), ("sdf", SDF), ("xml", "<mujoco><worldbody><body name='base'><inertial mass='2'/></body></worldbody></mujoco>")])
+@pytest.mark.parametrize(
+    "suffix, text",
+    [("urdf", URDF), ("sdf", SDF), ("xml", "<mujoco><worldbody><body name='base'><inertial mass='2'/></body></worldbody></mujoco>")],
+)
 def test_a_file_that_is_patched_twice_is_as_after_once(suffix, text, tmp_path):
     effects = parameters(mass=("body/base/mass", 2.0, 1.0))
     once = changed(tmp_path / f"cart.{suffix}", text, effects)
@@ -144,7 +147,11 @@ def test_saturation_is_the_limits_of_gazebo_s_own_system(tmp_path):
     patch.run(report_of(tmp_path, drive(saturation={"v_max": 1.5, "w_max": 0.5})), path, write=True)
     plugin = next(ElementTree.fromstring(path.read_text()).iter("plugin"))
     limits = {child.tag: float(child.text) for child in plugin if child.tag.endswith("_velocity")}
-    assert limits == {f"{name}_{axis}_velocity": sign * most for axis, most in (("linear", 1.5), ("angular", 0.5)) for name, sign in (("max", 1), ("min", -1))}
+    assert limits == {
+        f"{name}_{axis}_velocity": sign * most
+        for axis, most in (("linear", 1.5), ("angular", 0.5))
+        for name, sign in (("max", 1), ("min", -1))
+    }
 
 
 def test_the_printed_change_is_a_patch_of_the_file(tmp_path, capsys):

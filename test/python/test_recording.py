@@ -60,7 +60,9 @@ def recorded(tmp_path_factory):
 def test_the_file_has_what_was_measured_at_the_log_s_own_time(recorded):
     table, found, *_ = recorded
     np.testing.assert_allclose([ns * 1e-9 for ns, _ in found["/measured/signals"][1]], table["t"], atol=1e-9)
-    np.testing.assert_allclose(array(found["/measured/signals"], "px", "py", "theta"), np.stack([table[n] for n in ("px", "py", "theta")], 1))
+    np.testing.assert_allclose(
+        array(found["/measured/signals"], "px", "py", "theta"), np.stack([table[n] for n in ("px", "py", "theta")], 1)
+    )
     for (ns, message), row in zip(found["/measured/pose"][1], table):
         assert message["timestamp"]["sec"] * 10**9 + message["timestamp"]["nsec"] == ns
         position, turned = message["pose"]["position"], message["pose"]["orientation"]
@@ -117,7 +119,9 @@ def test_messages_are_valid_by_the_schemas_in_the_file(recorded):
 
 def test_messages_are_valid_by_foxglove_s_own_definitions(recorded):
     """Its protobuf messages know these fields; their time is written in another way."""
-    schemas = pytest.importorskip("foxglove_schemas_protobuf", reason="no foxglove-schemas-protobuf here: pip install -r tools/requirements-test.txt")
+    schemas = pytest.importorskip(
+        "foxglove_schemas_protobuf", reason="no foxglove-schemas-protobuf here: pip install -r tools/requirements-test.txt"
+    )
     from google.protobuf.json_format import ParseDict
 
     def without_times(value):
@@ -175,7 +179,9 @@ def test_predictions_of_one_s_own_robot_are_those_of_its_simulator_with_the_effe
 def test_a_robot_without_a_position_has_signals_and_no_poses():
     """What was not measured is left out, and names are made such that paths of messages can have them."""
     values = np.array([[0.1, np.nan], [np.nan, np.nan], [0.3, 0.4]])
-    shown = tracks.Tracks(np.array([-1.0, 0.0, 1.0]), (("q1", "rad"), ("gyro z", "rad/s")), np.array([True, False]), values, {"simulator": values}, [(0, 2)])
+    shown = tracks.Tracks(
+        np.array([-1.0, 0.0, 1.0]), (("q1", "rad"), ("gyro z", "rad/s")), np.array([True, False]), values, {"simulator": values}, [(0, 2)]
+    )
     report = {"verdict": "none", "effects": [], "log": {"seconds": 2.0}, "where": {"segments": []}}
     found = messages.channels(shown, report)
     assert list(found) == ["/measured/signals", "/simulator/signals", "/simulator/residuals", "/events"]

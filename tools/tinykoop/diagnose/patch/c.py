@@ -65,8 +65,8 @@ struct executed_delay {
 """,
 }
 MEMBERS = {"executed_delayed": "\tstruct executed_delay delay;", "executed_lagged": "\tstruct executed_lag lag;"}
-FUNCTION = """/* Command of one step of dt seconds as this robot executes it. Found by tinykoop diagnose. u: v (m/s), omega (rad/s), changed in place.
- * past: all zero before the first step. 0, or -1 where the delay has more steps than EXECUTED_STEPS. */
+FUNCTION = """/* Command of one step of dt seconds as this robot executes it. Found by tinykoop diagnose.
+ * u: v (m/s) and omega (rad/s), changed in place. past: all zero before the first step. 0, or -1 where the delay has more steps than EXECUTED_STEPS. */
 int executed(struct executed *past, double u[2], double dt) {{
 {body}
 	return 0;

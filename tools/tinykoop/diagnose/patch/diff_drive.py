@@ -2,8 +2,8 @@
 
 Names of its parameters: ros2_controllers, diff_drive_controller/src/diff_drive_controller_parameter.yaml. The wheels turn with
 (v -+ omega s / 2) / r (src/diff_drive_controller.cpp there), where s and r are separation and radius times their multipliers. A robot that
-drives (1 + a) v and turns (1 + b) omega has wheels of (1 + a) r at a distance of (1 + a) / (1 + b) s. Up to ROS 2 Jazzy a limit acts only
-beside has_velocity_limits; from Kilted on that parameter is not there any more, and is not looked at. Without min_velocity it is -max_velocity.
+drives (1 + a) v and turns (1 + b) omega has wheels of (1 + a) r at a distance of (1 + a) / (1 + b) s. Without min_velocity it is
+-max_velocity. In ROS 2 Humble a limit acts only beside has_velocity_limits; from Kilted on that parameter is gone, and is not looked at.
 """
 
 from ruamel.yaml import YAML
@@ -51,7 +51,9 @@ def _controller(text, path):
         raise UserError(f"{path}: is no YAML: {' '.join(str(error).split())}") from error
     found = [mapping for mapping in _mappings(root) if any(key.value == SEPARATION for key, _ in mapping.value)] if root else []
     if len(found) != 1:
-        raise UserError(f"{path}: has {len(found)} controllers with {SEPARATION}, one is needed; is it the file of a diff_drive_controller?")
+        raise UserError(
+            f"{path}: has {len(found)} controllers with {SEPARATION}, one is needed; is it the file of a diff_drive_controller?"
+        )
     return found[0]
 
 

@@ -1,4 +1,4 @@
-"""Gazebo's differential drive, as it stands in URDF and SDF files alike: the plugin's numbers, by which it turns commands into wheel speeds.
+"""Gazebo's differential drive, in URDF and SDF files alike: the numbers by which its plugin turns commands into wheel speeds.
 
 Names: gz-sim's system DiffDrive (wheel_separation, wheel_radius, max_linear_velocity, ..) and Gazebo Classic's gazebo_ros_diff_drive
 (wheel_separation, wheel_diameter; wheelSeparation, wheelDiameter for ROS 1). The plugin turns the wheels with (v -+ omega s / 2) / r, and

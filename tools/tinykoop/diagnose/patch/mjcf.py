@@ -15,7 +15,9 @@ def _element(top, wanted, name, path):
         if len(options) != 1:
             raise UserError(f"{path}: has {len(options)} elements <option>; write one, so that {wanted.text} can be changed")
         return options[0]
-    inside = [child for section in top.all(wanted.kind) for child in section.children] if wanted.kind == "actuator" else top.all(wanted.kind)
+    inside = (
+        [child for section in top.all(wanted.kind) for child in section.children] if wanted.kind == "actuator" else top.all(wanted.kind)
+    )
     return field.named(inside, name, wanted.kind, path)
 
 
@@ -23,7 +25,9 @@ def _with_number(text, element, wanted, path):
     """With the numbers of an attribute that the field names; what is beside them, as the second coefficient of friction, stays."""
     numbers = element.attributes.get(wanted.what, "").split()
     if max(wanted.at) >= max(len(numbers), 1):
-        raise UserError(f"{path}: write {wanted.what} with all its numbers into <{element.tag}> itself, so that {wanted.text} can be changed")
+        raise UserError(
+            f"{path}: write {wanted.what} with all its numbers into <{element.tag}> itself, so that {wanted.text} can be changed"
+        )
     numbers = numbers or [""]
     for i in wanted.at:
         numbers[i] = markup.number(wanted.value)
@@ -35,10 +39,14 @@ def _with_mass(text, body, wanted, path):
     holders = [child for child in body.children if child.tag in ("inertial", "geom") and "mass" in child.attributes]
     holders = [child for child in holders if child.tag == "inertial"] or holders
     if len(holders) != 1:
-        raise UserError(f"{path}: {wanted.text}: write the body's mass as <inertial mass=..> or as the mass of one geom, so that it can be changed")
+        raise UserError(
+            f"{path}: {wanted.text}: write the body's mass as <inertial mass=..> or as the mass of one geom, so that it can be changed"
+        )
     given = {name: holders[0].attributes[name] for name in ("mass", *INERTIA) if name in holders[0].attributes}
     times = wanted.value / markup.as_number(given["mass"], holders[0], path)
-    grown = {name: [markup.number(times * markup.as_number(part, holders[0], path)) for part in value.split()] for name, value in given.items()}
+    grown = {
+        name: [markup.number(times * markup.as_number(part, holders[0], path)) for part in value.split()] for name, value in given.items()
+    }
     return markup.with_attributes(text, holders[0], {name: " ".join(numbers) for name, numbers in grown.items()})
 
 

@@ -35,7 +35,9 @@ def _with(text, wanted, name, path):
     if wanted.kind == "joint" and wanted.what in JOINT:
         return _with_joint(text, named("joint"), wanted)
     if wanted.kind in (*field.LINKS, *COLLISIONS) and wanted.what == "friction":
-        return _with_surface(text, [named("collision")] if wanted.kind in COLLISIONS else list(named("link").all("collision")), wanted, path)
+        return _with_surface(
+            text, [named("collision")] if wanted.kind in COLLISIONS else list(named("link").all("collision")), wanted, path
+        )
     return field.refuse(wanted, path, "SDF")
 
 

@@ -11,4 +11,3 @@ def patched(text, report, path):
         sizes = ", ".join(f"{name} = {_value(value)}" for name, value in effect["params"].items())
         blocks.append(f'\n[[effect]]  # {effect["formula"]}; found by tinykoop diagnose\nname = "{effect["name"]}"\nparams = {{{sizes}}}\n')
     return text.rstrip("\n") + "\n" + "".join(blocks)
-

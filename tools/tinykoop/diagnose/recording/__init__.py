@@ -1,5 +1,4 @@
-"""A diagnosis as an MCAP file, for Foxglove, Rerun and other viewers: what was measured, what was predicted, by how much that is off, and when
-effects act. A Foxglove layout stands beside it."""
+"""A diagnosis as an MCAP file for Foxglove: what was measured and predicted, the residuals, and when effects act, with a layout beside it."""
 
 import io
 import json

@@ -2,7 +2,9 @@
 
 
 def _plot(topics, signal):
-    paths = [{"value": f"{topic}.{signal}", "label": topic.split("/")[1], "enabled": True, "timestampMethod": "receiveTime"} for topic in topics]
+    paths = [
+        {"value": f"{topic}.{signal}", "label": topic.split("/")[1], "enabled": True, "timestampMethod": "receiveTime"} for topic in topics
+    ]
     return {"title": f"residual of {signal}", "paths": paths, "xAxisVal": "timestamp", "showLegend": True, "isSynced": True}
 
 

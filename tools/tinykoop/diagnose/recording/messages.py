@@ -34,7 +34,14 @@ POINT = _object(x=NUMBER, y=NUMBER, z=NUMBER)
 PLACE = _object(position=POINT, orientation=_object(x=NUMBER, y=NUMBER, z=NUMBER, w=NUMBER))
 COLOUR = _object(r=NUMBER, g=NUMBER, b=NUMBER, a=NUMBER)
 LINE = _object(
-    type=WHOLE, pose=PLACE, thickness=NUMBER, scale_invariant=FLAG, points=_list(POINT), color=COLOUR, colors=_list(COLOUR), indices=_list(WHOLE)
+    type=WHOLE,
+    pose=PLACE,
+    thickness=NUMBER,
+    scale_invariant=FLAG,
+    points=_list(POINT),
+    color=COLOUR,
+    colors=_list(COLOUR),
+    indices=_list(WHOLE),
 )
 ENTITY = _object(
     timestamp=TIME, frame_id=TEXT, id=TEXT, lifetime=_object("duration", sec=WHOLE, nsec=WHOLE), frame_locked=FLAG,
@@ -75,7 +82,9 @@ def _placed(pose, row):
 def _poses(pose, times, values):
     there = np.isfinite(values[:, list(pose.values())]).all(1)
     return [
-        (ns, {"timestamp": _time(ns), "frame_id": FRAME, "pose": _placed(pose, row)}) for ns, row, is_there in zip(times, values, there) if is_there
+        (ns, {"timestamp": _time(ns), "frame_id": FRAME, "pose": _placed(pose, row)})
+        for ns, row, is_there in zip(times, values, there)
+        if is_there
     ]
 
 

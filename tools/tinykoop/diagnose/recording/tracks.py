@@ -7,7 +7,14 @@ import numpy as np
 from ..prediction_errors.ahead import HORIZONS
 
 KINDS = ("simulator", "with_effects")
-POSE = {"x": ("px", "x"), "y": ("py", "y"), "z": ("pz", "z"), "yaw": ("yaw", "theta", "psi", "heading"), "pitch": ("pitch",), "roll": ("roll",)}
+POSE = {
+    "x": ("px", "x"),
+    "y": ("py", "y"),
+    "z": ("pz", "z"),
+    "yaw": ("yaw", "theta", "psi", "heading"),
+    "pitch": ("pitch",),
+    "roll": ("roll",),
+}
 
 
 @dataclass

@@ -32,9 +32,9 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@touch $@
 
 # What tests and comparisons need beside the tools.
-$(VENV)/test-ready: tools/requirements-test.txt $(VENV)/ready
+$(VENV)/test-ready: tools/requirements-test.txt tools/requirements-mcap.txt $(VENV)/ready
 	@echo "Packages for tests ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-test.txt
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-test.txt -r tools/requirements-mcap.txt
 	@touch $@
 
 # The solvers that the controller is compared with: heavy, and needed nowhere else.

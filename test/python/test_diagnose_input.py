@@ -127,6 +127,16 @@ def test_a_gap_larger_than_allowed_is_exit_status_1(most, status, tinykoop, tmp_
     assert tinykoop(good, "--max-gap", most)[0] == status
 
 
+def test_of_several_logs_one_whose_gap_is_larger_than_allowed_is_exit_status_1(tmp_path, monkeypatch, capsys):
+    """All reports and the table are there before; the log is named."""
+    logs = [write(tmp_path / f"{name}.csv", poses(drive(), names), drive()) for name, names in (("small", []), ("large", ["speed_gain"]))]
+    monkeypatch.setattr(sys, "argv", ["tinykoop", "diagnose", *map(str, logs), "--max-gap", "0.05", "--out", str(tmp_path / "out")])
+    assert cli.main() == 1
+    said = "".join(capsys.readouterr().out.split())
+    assert "large.csv:Thegapis" in said and "small.csv:Thegapis" not in said and "2of2logs" in said
+    assert [entry["report"]["verdict"] for entry in json.loads((tmp_path / "out/diagnoses.json").read_text())] == ["none", "known"]
+
+
 def test_missing_file(tinykoop, tmp_path):
     good = write(tmp_path / "good.csv", poses(drive()), drive())
     refused(tinykoop(tmp_path / "missing.csv"), "missing.csv")

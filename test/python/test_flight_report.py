@@ -12,6 +12,7 @@ from test_report import Reader
 from tinykoop import bridge
 from tinykoop.diagnose.platforms import fwmav
 from tinykoop.diagnose.platforms.fwmav import diagnose, figures, told, vehicle
+from tinykoop.diagnose.recording import tracks
 from tinykoop.diagnose.report.html import html
 from tinykoop.diagnose.report.terminal import show
 from tinykoop.plumbing import results
@@ -237,3 +238,11 @@ def test_summary_fits_on_a_screen(trim, kind):
     text = caught.get()
     assert " ".join(story.sentence.split()) in " ".join(text.split()) and "out/[red]report.html" in text
     assert len([line for line in text.splitlines() if line.strip()]) <= 40
+
+
+def test_a_recording_has_attitudes_as_predicted_without_and_with_the_effects(trim):
+    """The angles that the report compares: with the effect less is missed, half a second after each row that a prediction begins at."""
+    shown = tracks.of(trim)
+    ends = [b for a, b in shown.windows if b - a == 50]
+    missed = [np.sqrt(np.nanmean(shown.residuals(kind)[ends, 6:] ** 2)) for kind in tracks.KINDS]
+    assert shown.pose is None and shown.signals[7] == ("pitch", "rad") and missed[1] < missed[0]

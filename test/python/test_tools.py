@@ -194,7 +194,6 @@ int main(void) {{
         (("replay", "bad.csv"), "bad.csv:3: column 'px' (2): 'x' is not a finite number"),
         (("replay", "short.csv"), "short.csv: 4 usable steps, at least 100 are needed"),
         (("fit", "short.csv", "model.txt"), "model.txt: the model is written as .h"),
-        (("diagnose", "a.csv", "b.csv", "--max-gap", "1"), "--max-gap: it is the gap of one log"),
         (("learn", "--out", "short.csv/out"), "cannot be made as output folder"),
     ],
 )

@@ -14,6 +14,7 @@ from .plumbing.results import printable
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
+INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
 TABLE = "also write the table into docs/"
 
 # What a shell says of a program that SIGPIPE ends, as `| head` ends those in C. Python ignores the signal: it would end
@@ -32,8 +33,9 @@ def _your_log(add):
     gap.add_argument("--healthy", nargs="+", default=[], metavar="LOG", help="logs of the healthy or earlier robot: then, what changed")
     gap.add_argument("--sim", metavar="SIM.csv", help="TOML file: a run of your simulator under the log's commands, instead of [simulator]")
     gap.add_argument("--without", action="append", default=[], metavar="EFFECT", help="an effect this robot cannot have")
-    most = "exit status 1 if the simulator's error at the longest horizon is larger (m, rad, ..)"
-    gap.add_argument("--max-gap", type=float, metavar="SIZE", help=most)
+    limit = "exit status 1 if the simulator's error at the longest horizon is larger (m, rad, ..), in any of the logs"
+    gap.add_argument("--max-gap", type=float, metavar="SIZE", help=limit)
+    gap.add_argument("--mcap", metavar="OUT.mcap", help="also write measured and predicted paths, residuals and events, for Foxglove")
     gap.add_argument("--jobs", type=int, help="for several logs: processes (default: all cores)")
     gap.add_argument("--cluster", help="for several logs: address of a Dask scheduler that shares these folders")
     robot = add("robot", "your own robot: write its file, check it against a log (docs/own-robot.md)", out=False)
@@ -43,9 +45,9 @@ def _your_log(add):
     check.add_argument("robot", metavar="ROBOT.toml")
     check.add_argument("log")
     check.add_argument("--sim", metavar="SIM.csv", help="a run of your simulator under the log's commands, instead of [simulator]")
-    fix = add("patch", "put the effects of a report into a TOML, ros2_control YAML, MJCF or Python file", out=False)
+    fix = add("patch", "put the effects of a report into the file of a robot, simulator or controller", out=False)
     fix.add_argument("report", metavar="report.json")
-    fix.add_argument("--into", required=True, metavar="FILE", help=".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .py")
+    fix.add_argument("--into", required=True, metavar="FILE", help=INTO)
     fix.add_argument("--write", action="store_true", help="change the file; otherwise the change is printed as a diff")
     effects = add("effects", "list all effects with formula, parameters, units, bounds and typical size", out=False)
     effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{whose}; default: ddr")
@@ -222,14 +224,15 @@ def dispatch(a):
 
         out = a.out / "diagnose" if a.out == OUT else a.out
         if len(a.log) == 1:
-            result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim)
-            return diagnose.exceeds(result, a.max_gap)
+            result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim, a.mcap)
+            return diagnose.exceeds(result.report, a.max_gap)
         elif a.sim:
             raise UserError("--sim: a run under the commands of one log; give one log")
-        elif a.max_gap is not None:
-            raise UserError("--max-gap: it is the gap of one log; give one log")
+        elif a.mcap:
+            raise UserError("--mcap: the recording of one log; give one log")
         else:
-            several.run(a.log, out, _options(a), a.jobs, a.cluster)
+            reports = several.run(a.log, out, _options(a), a.jobs, a.cluster)
+            return any([diagnose.exceeds(report, a.max_gap, log) for log, report in reports])  # each says so
     elif a.command == "robot":
         from .diagnose.robots import check, new
 

@@ -4,14 +4,15 @@ Data flow: platforms (a log as the engine takes it) -> prediction_errors (the en
 report) -> report (what people read: a story, on the terminal and as a page).
 """
 
-import math
 from importlib import import_module
 from pathlib import Path
 
 from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, printable, replacing, write_bytes
+from . import recording
 from .report.html import html
+from .report.story import Teller
 from .report.terminal import say, show
 from .robots import is_own
 
@@ -21,14 +22,16 @@ def platform(robot):
     return import_module(f".platforms.{'own' if is_own(robot) else robot}", __package__)
 
 
-def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
+def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mcap=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
 
-    robot: a platform, or the TOML file of one's own; without it the columns tell the platform. sim: with a TOML file, a run of the
+    mcap: also what was measured and predicted, into this file. robot: a platform, or the TOML file of one's own; without it the columns tell the platform. sim: with a TOML file, a run of the
     simulator under the log's commands.
     """
     if sim and not (robot and is_own(robot)):
         raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
+    if mcap:
+        recording.prepare(mcap)
     robot = of_log(path) if robot is None else robot
     with busy(f"diagnosing {Path(path).name}"):
         kind = platform(robot)
@@ -40,17 +43,19 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None):
     with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
         write_bytes(out / "report.html", html(told))
     show(told, out / "report.html")
+    if mcap:
+        recording.write(result, mcap)
     return result
 
 
-def exceeds(result, most):
-    """Whether the simulator's error at the longest horizon is larger than this, if something is given; says so."""
-    gap = result.report["gap"]["before"]
-    key = max((key for key, value in gap.items() if math.isfinite(value)), key=int, default=None)
-    if most is None or (key and gap[key] <= most):
+def exceeds(report, limit, log=""):
+    """Whether the simulator's error at the longest horizon is larger than the limit, if there is one; says so."""
+    gap, key, unit = report["gap"]["before"], Teller.horizon(report["gap"]), report["gap"]["unit"]
+    if limit is None or (key and gap[key] <= limit):
         return False
-    unit = result.report["gap"]["unit"]
-    say(f"The gap is {gap[key]:.3g} {unit} {key} steps ahead, more than {most:g} {unit}." if key else "The gap could not be measured.")
+    of = f"{printable(log)}: " if log else ""
+    said = f"The gap is {gap[key]:.3g} {unit} {key} steps ahead, more than {limit:g} {unit}." if key else "The gap could not be measured."
+    say(f"{of}{said}")
     return True
 
 

@@ -131,6 +131,7 @@ def on_fresh(result, path):
     causes = elsewhere.acting(carried)
     path.about(causes)
     state = search.referred(search.robust(search.likeliest(search.fitter.fit_of(causes))))
+    path.tell_hidden(state.noise)
     starts = ahead.starts_of(path)
     before, after = (ahead.errors(path, some, starts) for some in ((), causes))
     least = ahead.floor(path, state.noise.quiet(path), starts)

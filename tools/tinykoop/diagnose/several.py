@@ -9,6 +9,7 @@ from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, write_json
 from ..plumbing.workers import each, workers
 from .report import words
+from .report.story import Teller
 
 
 def _diagnosed(command, log, out):
@@ -27,14 +28,14 @@ def _folders(logs, out):
 def _line(log, report):
     effects = "; ".join(f"{e['name']} {', '.join(f'{k} {v:.3g}' for k, v in e['params'].items())}" for e in report["effects"])
     gap = report["gap"]
-    last = max((key for key, value in gap["before"].items() if value is not None), key=int, default=None)
+    last = Teller.horizon(gap)
     before, after, closed = (gap[part][last] if last else None for part in ("before", "after", "closed_fraction"))
     sizes = (words.plain(words.real(value), 3) for value in (before, after))
     return Path(log).name, report["verdict"], effects or "-", *sizes, words.percent(closed)
 
 
 def run(logs, out, options, jobs=None, cluster=None):
-    """One report for each log under `out`, and diagnoses.json with all; options: the other arguments of `tinykoop diagnose`."""
+    """[(log, its report)], each also under `out`, and all in diagnoses.json; options: the other arguments of `tinykoop diagnose`."""
     out = output_folder(out)
     command = (sys.executable, "-m", "tinykoop.cli", "diagnose", *options)
     with workers(cluster, jobs):
@@ -49,3 +50,4 @@ def run(logs, out, options, jobs=None, cluster=None):
     )  # fmt: skip
     if len(good) < len(logs):
         raise UserError("\n".join(found[str(log)][1] or f"{log}: failed" for log in logs if not found[str(log)][0]))
+    return good

@@ -4,12 +4,17 @@ import difflib
 import json
 from pathlib import Path
 
-from ...plumbing.errors import UserError
-from ...plumbing.results import console, printable, write_bytes
-from ..report.terminal import say
-from . import diff_drive, mjcf, python, toml
+import numpy as np
 
-WRITERS = {".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".py": python}
+from ...plumbing.errors import UserError
+from ...plumbing.results import printable, write_bytes
+from ..report.terminal import say
+from . import c, diff_drive, mjcf, python, sdf, toml, urdf
+
+WRITERS = {
+    ".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".urdf": urdf, ".xacro": urdf, ".sdf": sdf, ".py": python, ".c": c,
+}  # fmt: skip
+NEW = (python, c)  # a file that is not there yet is begun
 
 
 def _report(path):
@@ -22,7 +27,14 @@ def _report(path):
         raise UserError(f"{path}: is no report of `tinykoop diagnose`; give its report.json") from error
     if verdict != "known" or not effects:
         raise UserError(f"{path}: the verdict is '{verdict}', so there is nothing to patch; record another log and diagnose that")
+    for effect in effects:
+        if not _all_along(effect, report):
+            raise UserError(f"{path}: {effect['name']} acts in a part of the log only; a simulator's number cannot say that")
     return report
+
+
+def _all_along(effect, report):
+    return not effect["segments"] or len(effect["segments"]) == 1 and np.ptp(effect["segments"]) >= 0.999 * report["log"]["seconds"]
 
 
 def patched(report, path):
@@ -31,10 +43,16 @@ def patched(report, path):
     if writer is None:
         raise UserError(f"{path}: --into takes {', '.join(WRITERS)}; copy the sizes from the report's table by hand")
     try:
-        text = path.read_text() if path.exists() or writer is not python else ""
+        text = path.read_text() if path.exists() or writer not in NEW else ""
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read ({error})") from error
     return text, writer.patched(text, report, path)
+
+
+def difference(text, new, name):
+    """The change as `patch` takes it."""
+    lines = difflib.unified_diff(*(part.splitlines(keepends=True) for part in (text, new)), name, name)
+    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
 
 def run(report_file, into, write=False):
@@ -42,8 +60,7 @@ def run(report_file, into, write=False):
     into = Path(into)
     report = _report(report_file)
     text, new = patched(report, into)
-    lines = [part.splitlines(keepends=True) for part in (text, new)]
-    console.print("".join(difflib.unified_diff(*lines, printable(into), printable(into))), markup=False, highlight=False, soft_wrap=True)
+    print(difference(text, new, printable(into)), end="")
     for name, others in report.get("ambiguous_with", {}).items():
         say(f"{name} may as well be {' or '.join(others)}: the log cannot separate them.")
     if write:

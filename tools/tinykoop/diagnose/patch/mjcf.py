@@ -1,54 +1,62 @@
 """A MuJoCo model: attributes of bodies, geoms and joints that parameters of the robot stand for."""
 
-import re
-
 from ...plumbing.errors import UserError
+from . import field, markup
 
-PREFIX = "parameter:"
-
-
-def _element(text, kind, name, path):
-    """(start, end) of the opening tag of an element."""
-    found = re.search(rf'<{kind}\b[^>]*\bname="{re.escape(name)}"[^>]*>', text, re.S)
-    if not found:
-        raise UserError(f"{path}: there is no {kind} named '{name}'")
-    return found.span()
+# Attributes of MJCF that the compiled model has under the same name (MuJoCo's XML reference).
+SAME = ("mass", "friction", "size", "damping", "armature", "frictionloss", "stiffness", "gear", "wind", "viscosity", "density", "gravity")
+INERTIA = ("diaginertia", "fullinertia")
 
 
-def _changed(tag, attribute, value, change):
-    """A tag with the first number of an attribute changed: what follows, as the second coefficient of friction, stays.
+def _element(top, wanted, name, path):
+    """Of a kind, as a body; of a section whose elements have tags of their own, as an actuator; or the only <option>."""
+    if wanted.kind == "option":
+        options = list(top.all("option"))
+        if len(options) != 1:
+            raise UserError(f"{path}: has {len(options)} elements <option>; write one, so that {wanted.text} can be changed")
+        return options[0]
+    inside = (
+        [child for section in top.all(wanted.kind) for child in section.children] if wanted.kind == "actuator" else top.all(wanted.kind)
+    )
+    return field.named(inside, name, wanted.kind, path)
 
-    value: what the model has where the tag leaves it to a default.
-    """
-    found = re.search(rf'\b{attribute}="\s*([-+.\deE]+)', tag)
-    if found:
-        return f"{tag[: found.start(1)]}{float(found[1]) + change:.6g}{tag[found.end(1) :]}"
-    end = len(tag) - (2 if tag.endswith("/>") else 1)
-    return f'{tag[:end].rstrip()} {attribute}="{value + change:.6g}"{tag[end:]}'
+
+def _with_number(text, element, wanted, path):
+    """With the numbers of an attribute that the field names; what is beside them, as the second coefficient of friction, stays."""
+    numbers = element.attributes.get(wanted.what, "").split()
+    if max(wanted.at) >= max(len(numbers), 1):
+        raise UserError(
+            f"{path}: write {wanted.what} with all its numbers into <{element.tag}> itself, so that {wanted.text} can be changed"
+        )
+    numbers = numbers or [""]
+    for i in wanted.at:
+        numbers[i] = markup.number(wanted.value)
+    return markup.with_attributes(text, element, {wanted.what: " ".join(numbers)})
 
 
-def _mass(text, name, change, path):
-    """A body has the mass of its <inertial>, or of its only geom that has one."""
-    start, end = _element(text, "body", name, path)
-    inside = re.split(r"<body\b|</body>", text[end:])[0]
-    tags = [m for m in re.finditer(r"<(?:inertial|geom)\b[^>]*>", inside) if re.search(r'\bmass="', m[0])]
-    tags = [m for m in tags if m[0].startswith("<inertial")] or tags
-    if len(tags) != 1:
-        raise UserError(f"{path}: body {name}: write its mass as <inertial mass=..> or as the mass of one geom, so that it can be changed")
-    at = end + tags[0].start()
-    return text[:at] + _changed(tags[0][0], "mass", 0.0, change) + text[at + len(tags[0][0]) :]
+def _with_mass(text, body, wanted, path):
+    """A body has the mass of its <inertial>, whose inertia grows with it, or of its only geom that has one."""
+    holders = [child for child in body.children if child.tag in ("inertial", "geom") and "mass" in child.attributes]
+    holders = [child for child in holders if child.tag == "inertial"] or holders
+    if len(holders) != 1:
+        raise UserError(
+            f"{path}: {wanted.text}: write the body's mass as <inertial mass=..> or as the mass of one geom, so that it can be changed"
+        )
+    given = {name: holders[0].attributes[name] for name in ("mass", *INERTIA) if name in holders[0].attributes}
+    times = wanted.value / markup.as_number(given["mass"], holders[0], path)
+    grown = {
+        name: [markup.number(times * markup.as_number(part, holders[0], path)) for part in value.split()] for name, value in given.items()
+    }
+    return markup.with_attributes(text, holders[0], {name: " ".join(numbers) for name, numbers in grown.items()})
 
 
 def patched(text, report, path):
     for effect in report["effects"]:
-        field = effect.get("field", "")
-        if not effect["name"].startswith(PREFIX) or field.count("/") != 2:
-            raise UserError(f"{path}: {effect['name']} is no parameter of the model; patch the robot's TOML file with it")
-        kind, names, attribute = field.split("/")
-        for name in names.split(","):
-            if (kind, attribute) == ("body", "mass"):
-                text = _mass(text, name, effect["params"]["change"], path)
-                continue
-            start, end = _element(text, kind, name, path)
-            text = text[:start] + _changed(text[start:end], attribute, effect["value"], effect["params"]["change"]) + text[end:]
+        wanted = field.of(effect, path)
+        if wanted.what not in SAME:
+            field.refuse(wanted, path, "MJCF")
+        for name in wanted.names or ("",):
+            element = _element(markup.read(text, path), wanted, name, path)
+            write = _with_mass if (wanted.kind, wanted.what) == ("body", "mass") else _with_number
+            text = write(text, element, wanted, path)
     return text

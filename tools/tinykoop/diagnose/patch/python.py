@@ -1,6 +1,6 @@
 """A Python function that does to the commands of a drive what the effects do, for a simulator of one's own."""
 
-from ...plumbing.errors import UserError
+from . import snippet
 
 # In the order in which they act (host_sim/effects.c).
 LINES = {
@@ -36,13 +36,8 @@ HELPERS = {
 
 
 def patched(text, report, path):
-    effects = {effect["name"]: effect["params"] for effect in report["effects"]}
-    strange = [name for name in effects if name not in LINES]
-    if strange:
-        raise UserError(f"{path}: there is no snippet for {', '.join(strange)}; there is one for {', '.join(LINES)}")
-    lines = [LINES[name].format(**effects[name]) for name in LINES if name in effects]
-    helpers = [code for name, code in HELPERS.items() if any(name in line for line in lines)]
+    lines = snippet.lines(LINES, report, path)
     body = "\n".join(f"    {line}" for line in (*lines, "return v, omega"))
     about = '    """Commands (K,) every dt seconds as this robot executes them. Found by tinykoop diagnose."""'
     function = f"def executed(v, omega, dt):\n{about}\n{body}\n"
-    return text + ("\n\n" if text else "") + "\n\n".join(["import numpy as np\n", *helpers, function])
+    return text + ("\n\n" if text else "") + "\n\n".join(["import numpy as np\n", *snippet.needed(HELPERS, lines), function])

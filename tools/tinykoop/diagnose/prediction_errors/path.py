@@ -25,7 +25,7 @@ class Path:
     """A log of K rows, with values and answers that suit a simulator whose steps can be asked for at any time.
 
     A platform has also: t, dt, rows, breaks, begins, whole, settled (rows and their times); measured, present, finest, alike, channels,
-    gaps (what is compared), sensors, pushes (units of noise and random motion); A, G, C, spread, usual (slopes along the path, for noise); effects, variants, variant; and steps(), ahead(),
+    gaps (what is compared), sensors, pushes (units of noise and random motion); readings (K, c), known (rows that a prediction may begin at), wraps (angles); A, G, C, spread, usual (slopes along the path, for noise); effects, variants, variant; and steps(), ahead(),
     step_by(), most_starts(), smallest_of(), generic().
     """
 
@@ -39,6 +39,16 @@ class Path:
     stray = True  # whether rows that stand alone are outliers
     alike_rows = 1  # rows that tell about as much as one
     alias = 1.0  # share of what an effect does, from which on another that does it may be it, however good the fit
+
+    @property
+    def signals(self):
+        """((name, unit)) of what was measured, for who wants to see it beside what is predicted."""
+        return tuple((name, unit) for name, (unit, _) in self.sensors.items())
+
+    def shown(self, causes, starts, steps):
+        """Readings as predicted (S, H, c), so many steps after rows `starts`; NaN where there is nothing to compare with."""
+        ends = np.minimum(np.add.outer(starts, steps), len(self.readings) - 1)
+        return self.readings[ends] - self.ahead(causes, starts, steps)
 
     def about(self, causes):
         """Makes steps() exact at these causes; whether they were not. Here they are everywhere."""

@@ -207,6 +207,20 @@ class Path(path.Path):
             return max(SMALLEST * way, SMALLEST_NOISE * noise.sensor[0])
         return max(SMALLEST * turn, SMALLEST_NOISE * noise.sensor[2], SMALLEST_TURN)
 
+    signals, wraps = (("px", "m"), ("py", "m"), ("theta", "rad")), (False, False, True)
+
+    @property
+    def readings(self):
+        return self.log.x
+
+    @property
+    def known(self):
+        return np.ones(len(self.log.x), bool)
+
+    def shown(self, causes, starts, steps):
+        """Poses as predicted (S, H, 3)."""
+        return self.predicted(causes, starts, steps)[0]
+
     gaps = {"position": ("m", (0, 1)), "heading": ("rad", (2,))}
 
     dependence = staticmethod(features.dependence)

@@ -9,7 +9,7 @@ from ...prediction_errors import path
 from ...prediction_errors.fit import Effect
 from ...prediction_errors.healthy import Healthy
 from ...robot import Parameter
-from .vehicle import ANGLES, CHANNELS, UNITS, follower, observer_gain, settled, turns_yaw
+from .vehicle import ANGLES, CHANNELS, UNITS, follower, measured, observer_gain, settled, turns_yaw
 
 name = "fwmav"
 NOT_FITTED = ("vibration",)  # measured: it is noise
@@ -54,6 +54,7 @@ class Path(path.Path):
     channels = tuple(f"{how} {axis}" for how in ("along", "about") for axis in AXES)  # generic accelerations
     gaps = {"attitude": ("rad", tuple(range(*ANGLES.indices(len(CHANNELS)))))}
     sensors, pushes = {channel: (unit, c) for c, (channel, unit) in enumerate(zip(CHANNELS, UNITS))}, {}
+    wraps = tuple(unit == "rad" for unit in UNITS)
     usual = np.zeros(0)  # random motion is in the noise of healthy flights
     variants, variant = ("as it flies",), 0
     alike_rows = 50  # that tell about as much as one: a manoeuvre lasts half a second
@@ -76,6 +77,10 @@ class Path(path.Path):
         self.noises, self.sensor_scale = Healthy(parts, missed), missed[0]
         self._mean = self.noises.mean(self)
         self.noises.allow(self, np.stack([*self._biases(), *self._differ(differ or {})], -1))
+
+    @property
+    def readings(self):
+        return measured(self.log)
 
     # ---- what healthy flights have in common and what not --------------------------------------------------
 

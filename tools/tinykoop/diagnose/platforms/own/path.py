@@ -128,6 +128,15 @@ class Path(path.Path):
         self.sensors = {c.name: (c.unit, i) for i, c in enumerate(robot.channels)}
         self.gaps = {g.name: (g.unit, tuple(names.index(s) for s in g.states if s in names)) for g in robot.gaps}
 
+    @property
+    def readings(self):
+        """What was measured, as the log has it."""
+        return np.where(np.isfinite(self.log.y), self.measured, np.nan)
+
+    @property
+    def wraps(self):
+        return [channel.wraps for channel in self.robot.channels]
+
     # ---- the path --------------------------------------------------------------------------------------------
 
     def _first_path(self):

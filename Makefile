@@ -150,10 +150,16 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig
 	@$(VENV)/bin/python -m pytest -q -rs test/python/test_drop_in.py
 
-docs: | system ## the docs as a site with the reference of the C interface, links checked: build/site
-	@test -x $(BUILD)/docs-venv/bin/mkdocs || $(PYTHON) -m venv $(BUILD)/docs-venv
-	@$(BUILD)/docs-venv/bin/pip install $(PIP_OPTIONS) -r tools/requirements-docs.txt
-	@$(BUILD)/docs-venv/bin/mkdocs build --quiet
+# What makes the site of the docs.
+$(VENV)/docs-ready: tools/requirements-docs.txt $(VENV)/ready
+	@echo "Packages for the docs ..."
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) --retries 1 -r tools/requirements-docs.txt 2>$(BUILD)/docs.log || { \
+		echo "make docs: cannot download the packages of tools/requirements-docs.txt; is there a network? See $(BUILD)/docs.log" >&2; exit 2; }
+	@touch $@
+
+docs: $(VENV)/docs-ready ## the docs as a site with the reference of C, Python and the commands, links checked: build/site
+	@$(VENV)/bin/python docs/site.py $(BUILD)/docs
+	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs $(BUILD)/docs $(BUILD)/site
 	@echo "The site is in $(BUILD)/site: open $(BUILD)/site/index.html"
 
 clean: ## removes build/

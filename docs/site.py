@@ -91,7 +91,10 @@ def _argument(action):
     value = action.metavar or ("{" + ", ".join(map(str, action.choices)) + "}" if action.choices else action.dest.upper())
     names = " ".join(action.option_strings) if action.option_strings else str(value)
     written = names + (f" {value}" if action.option_strings and action.nargs != 0 else "")
-    return f"| `{written}` | {_cell(action.help or '')}{' (required)' if action.required and action.option_strings else ''} |"
+    notes = ["required"] if action.required and action.option_strings else []
+    if action.option_strings and action.default not in (None, False, []) and "default" not in (action.help or ""):
+        notes.append(f"default {action.default}")
+    return f"| `{written}` | {_cell(action.help or '')}{f' ({notes[0]})' if notes else ''} |"
 
 
 def _command(name, parser, level=3):
@@ -100,7 +103,7 @@ def _command(name, parser, level=3):
     usage = parser.format_usage().removeprefix("usage: ").replace("\n       ", "\n")
     parts = [f"{'#' * level} tinykoop {name}\n", f"{_cell(about[:1].upper() + about[1:])}\n", f"```text\n{usage}```\n"]
     below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    rows = [_argument(action) for action in parser._actions if action not in below and action.help and action.dest != "help"]
+    rows = [_argument(action) for action in parser._actions if action not in below and (action.help or action.option_strings) and action.dest != "help"]
     parts += ["| argument | meaning |\n| --- | --- |", *rows, ""] if rows else []
     for action in below:
         parts += [_command(f"{name} {inner}", inner_parser, level + 1) for inner, inner_parser in action.choices.items()]

@@ -1,7 +1,6 @@
 """Every snippet of the pages: C is an excerpt of an example or compiles, sessions print what the page says, commands and files parse."""
 
 import ast
-import doctest
 import os
 import re
 import shlex
@@ -75,7 +74,7 @@ def refusal(command):
         known = re.findall(r'"(--[a-z-]+)"', Path(cli.__file__).read_text())
         return [option for option in re.findall(r"--[a-z-]+", command) if option not in known]
     try:
-        cli.parser().parse_args(shlex.split(command.split(">")[0], comments=True))
+        cli.parser().parse_args(shlex.split(re.split(r">|\|\|", command)[0], comments=True))
     except SystemExit as refused:
         return refused.code
 
@@ -98,6 +97,12 @@ def session(block):
     return [(command.replace("\\\n", ""), output) for command, output in re.findall(r"^\$ ((?:[^\n]*\\\n)*[^\n]*)\n((?:(?!\$ )[^\n]*\n)*)", block, re.M)]
 
 
+def shows(output, wanted):
+    """Whether the output has these lines, one behind the other; `...` stands for anything, and blanks for each other."""
+    pieces = [r"\s+".join(map(re.escape, piece.split())) for piece in re.split(r"\.\.\.|\n", wanted)]
+    return re.search(".*".join(pieces), output, re.S) is not None
+
+
 def checkout(folder):
     """The project as a reader has it after `make build`, with a build/ of its own to write to."""
     for entry in ROOT.iterdir():
@@ -116,12 +121,10 @@ def ready(page):
 
 @pytest.mark.parametrize("page", [ready(page) for page in PAGES if blocks(TEXTS[page], "console")])
 def test_sessions_print_what_the_page_says(page, tmp_path):
-    """`...` stands for anything, and blanks for each other, as in doctest."""
     folder = checkout(tmp_path)
-    checker, loosely = doctest.OutputChecker(), doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     for command, wanted in (step for block in blocks(TEXTS[page], "console") for step in session(block)):
         done = subprocess.run(
             ["bash", "-c", command], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "COLUMNS": "110"}
         )
         assert done.returncode == 0, f"{command}\n{done.stdout}"
-        assert not wanted or checker.check_output(wanted, done.stdout, loosely), f"$ {command}\n{done.stdout}"
+        assert shows(done.stdout, wanted), f"$ {command}\n{done.stdout}"

@@ -9,6 +9,10 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 
+# $(call install,ENVIRONMENT,FILES): the packages of requirements files; one line says it where there is no network.
+install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
+	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
+
 .PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
@@ -27,20 +31,20 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@echo "Python environment ..."
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements.txt
+	@$(call install,$(VENV),tools/requirements.txt)
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e tools
 	@touch $@
 
 # What tests and comparisons need beside the tools.
 $(VENV)/test-ready: tools/requirements-test.txt $(VENV)/ready
 	@echo "Packages for tests ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-test.txt
+	@$(call install,$(VENV),tools/requirements-test.txt)
 	@touch $@
 
 # The solvers that the controller is compared with: heavy, and needed nowhere else.
 $(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/test-ready
 	@echo "Solvers to compare with ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-bench.txt
+	@$(call install,$(VENV),tools/requirements-bench.txt)
 	@touch $@
 
 build: $(VENV)/ready ## everything for the host: libraries, simulator, Python environment with the tinykoop command
@@ -83,13 +87,13 @@ diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr
 # What the blind check needs beside the diagnoser: its peers, and a way to all cores.
 $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
 	@echo "Peers of the diagnoser ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-blind.txt -r tools/requirements-peers.txt
+	@$(call install,$(VENV),tools/requirements-blind.txt tools/requirements-peers.txt)
 	@touch $@
 
 # Simulators that robots of one's own may have.
 $(VENV)/simulators-ready: tools/requirements-simulators.txt $(VENV)/ready
 	@echo "Simulators of robots of one's own ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-simulators.txt
+	@$(call install,$(VENV),tools/requirements-simulators.txt)
 	@touch $@
 
 blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
@@ -144,7 +148,7 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 	@echo "Package managers ..."
 	@rm -rf $(BUILD)/packagers
 	@$(PYTHON) -m venv $(BUILD)/packagers
-	@$(BUILD)/packagers/bin/pip install $(PIP_OPTIONS) -r tools/requirements-packagers.txt
+	@$(call install,$(BUILD)/packagers,tools/requirements-packagers.txt)
 	@touch $@
 
 packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig
@@ -153,8 +157,7 @@ packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with Pl
 # What makes the site of the docs.
 $(VENV)/docs-ready: tools/requirements-docs.txt $(VENV)/ready
 	@echo "Packages for the docs ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) --retries 1 -r tools/requirements-docs.txt 2>$(BUILD)/docs.log || { \
-		echo "make docs: cannot download the packages of tools/requirements-docs.txt; is there a network? See $(BUILD)/docs.log" >&2; exit 2; }
+	@$(call install,$(VENV),tools/requirements-docs.txt)
 	@touch $@
 
 docs: $(VENV)/docs-ready ## the docs as a site with the reference of C, Python and the commands, links checked: build/site

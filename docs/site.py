@@ -89,7 +89,7 @@ def _cell(text):
 def _argument(action):
     """A row of the table: how an argument is written, and what it means."""
     value = action.metavar or ("{" + ", ".join(map(str, action.choices)) + "}" if action.choices else action.dest.upper())
-    names = " ".join(action.option_strings) if action.option_strings else str(value)
+    names = ", ".join(action.option_strings) if action.option_strings else str(value)
     written = names + (f" {value}" if action.option_strings and action.nargs != 0 else "")
     notes = ["required"] if action.required and action.option_strings else []
     if action.option_strings and action.default not in (None, False, []) and "default" not in (action.help or ""):

@@ -15,6 +15,9 @@ from tinykoop import cli
 ROOT = Path(__file__).resolve().parents[1]
 HEADERS = ("tinykoop.h", "tinykoop_api.h", "tinykoop_guard.h", "tinykoop_guard_api.h")
 FROM_ROOT = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "security.md": "SECURITY.md", "changelog.md": "CHANGELOG.md"}
+EXIT_STATUS = """`build/venv/bin/tinykoop COMMAND --help` prints the same. Exit status: 0; 1 if a limit that was asked for is exceeded;
+2 with one line on standard error if an input must be corrected.
+"""
 CONTENTS = {
     "Tutorials": "tutorial-microcontroller tutorial-control tutorial-dictionary tutorial-diagnose own-robot tutorial-paper",
     "Guides": "microcontroller learning control diagnose flapping-wing logs convert",
@@ -69,7 +72,7 @@ def reference():
     """All public declarations with their comments."""
     texts = [(ROOT / "lib/include" / name).read_text() for name in HEADERS]
     intro = re.match(r"/\*.*?\*/", texts[0], re.S)[0]
-    parts = ["# C interface\n", _section(intro), "Declarations are shown with `koopf_` and `float`; `koopd_` has `double` in their place.\n"]
+    parts = ["# C interface\n", _section(intro), "Below, `koopf_` and `float` also stand for `koopd_` and `double`.\n"]
     for name, text in zip(HEADERS, texts):
         if name == "tinykoop_guard.h":
             parts += ["## Guard\n", _section(re.match(r"/\*.*?\*/", text, re.S)[0])]
@@ -103,19 +106,19 @@ def _command(name, parser, level=3):
     usage = parser.format_usage().removeprefix("usage: ").replace("\n       ", "\n")
     parts = [f"{'#' * level} tinykoop {name}\n", f"{_cell(about[:1].upper() + about[1:])}\n", f"```text\n{usage}```\n"]
     below = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    rows = [_argument(action) for action in parser._actions if action not in below and (action.help or action.option_strings) and action.dest != "help"]
+    said = [action for action in parser._actions if action not in below and (action.help or action.option_strings)]
+    rows = [_argument(action) for action in said if action.dest != "help"]
     parts += ["| argument | meaning |\n| --- | --- |", *rows, ""] if rows else []
     for action in below:
-        parts += [_command(f"{name} {inner}", inner_parser, level + 1) for inner, inner_parser in action.choices.items()]
+        parts += [_command(f"{name} {inner}", own, level + 1) for inner, own in action.choices.items()]
     return "\n".join(parts)
 
 
 def command_line():
-    """Every command with its arguments, as `tinykoop COMMAND --help` prints them."""
+    """Every command with its arguments, by groups, as `tinykoop COMMAND --help` prints them."""
     os.environ["COLUMNS"] = "80"  # which argparse asks for the width of a line
     (commands,) = (action for action in cli.parser()._actions if isinstance(action, argparse._SubParsersAction))
-    parts = ["# Command line\n", "`build/venv/bin/tinykoop COMMAND --help` prints the same. Exit status: 0; 1 if a limit that was asked for",
-             "is exceeded; 2 with one line on standard error if an input must be corrected.\n"]  # fmt: skip
+    parts = ["# Command line\n", EXIT_STATUS]
     for group, fill in cli.GROUPS.items():
         names = []
         fill(lambda name, summary, out=True: names.append(name) or argparse.ArgumentParser())

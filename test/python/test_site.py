@@ -38,8 +38,8 @@ def test_every_public_function_has_a_comment_right_before_it(header):
 def test_every_field_of_a_configuration_has_a_comment(header):
     for fields in re.findall(r"^typedef struct KOOP\(\w*config\) \{\n(.*?)^\}", header.read_text(), re.S | re.M):
         bare = re.sub(r"(?m)^\t/\*.*?\*/\n\t.*;$", "", fields, flags=re.S)  # the comment stands before these
-        missing = [line for line in re.findall(r"^\t[^/\n]*;(?!.*/\*).*$", bare, re.M) if not re.search(r"\b(dictionary|regulator|form);", line)]
-        assert not missing, missing  # these three are explained by their types
+        silent = re.findall(r"^\t[^/\n]*;(?!.*/\*).*$", bare, re.M)
+        assert [line for line in silent if not line.endswith(("*dictionary;", "*regulator;", "*form;"))] == []  # their types have one
 
 
 def test_reference_has_every_function_with_its_own_heading(site):
@@ -79,8 +79,8 @@ def test_without_a_network_one_line_says_what_is_missing(tmp_path):
     pip.write_text("#!/bin/sh\necho 'WARNING: Retrying after connection broken' >&2\nexit 1\n")
     pip.chmod(0o755)
     (tmp_path / "venv/ready").touch()
-    done = subprocess.run(
-        ["make", f"BUILD={tmp_path}", f"{tmp_path}/venv/docs-ready"], cwd=ROOT, capture_output=True, text=True, env={**os.environ, "MAKEFLAGS": ""}
-    )
+    alone = {**os.environ, "MAKEFLAGS": ""}
+    command = ["make", f"BUILD={tmp_path}", f"{tmp_path}/venv/docs-ready"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=alone)
     said = [line for line in done.stderr.splitlines() if not line.startswith("make: ***")]
     assert done.returncode == 2 and len(said) == 1 and "is there a network?" in said[0]

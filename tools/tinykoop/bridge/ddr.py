@@ -17,7 +17,7 @@ class _Recording(ct.Structure):
 def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     """Simulates the differential drive under commands u (K, 2) [m/s, rad/s] of dt seconds each.
 
-    Returns the measured states (K+1, 3) [m, m, rad], the first of which is x0. active: the effects that act.
+    Returns the measured states (K+1, 3) [m, m, rad], from the true state x0 on. active: the effects that act.
     integrator: EULER, MIDPOINT, ARC or SEMI_IMPLICIT.
     """
     u = reals(u, 2)

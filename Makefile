@@ -9,6 +9,10 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 
+# $(call install,ENVIRONMENT,FILES): the packages of requirements files; one line says it where there is no network.
+install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
+	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
+
 .PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
@@ -27,20 +31,20 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@echo "Python environment ..."
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements.txt
+	@$(call install,$(VENV),tools/requirements.txt)
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e tools
 	@touch $@
 
 # What tests and comparisons need beside the tools.
 $(VENV)/test-ready: tools/requirements-test.txt tools/requirements-mcap.txt $(VENV)/ready
 	@echo "Packages for tests ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-test.txt -r tools/requirements-mcap.txt
+	@$(call install,$(VENV),tools/requirements-test.txt tools/requirements-mcap.txt)
 	@touch $@
 
 # The solvers that the controller is compared with: heavy, and needed nowhere else.
 $(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/test-ready
 	@echo "Solvers to compare with ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-bench.txt
+	@$(call install,$(VENV),tools/requirements-bench.txt)
 	@touch $@
 
 build: $(VENV)/ready ## everything for the host: libraries, simulator, Python environment with the tinykoop command
@@ -83,19 +87,19 @@ diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr
 # What the blind check needs beside the diagnoser: its peers, and a way to all cores.
 $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
 	@echo "Peers of the diagnoser ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-blind.txt -r tools/requirements-peers.txt
+	@$(call install,$(VENV),tools/requirements-blind.txt tools/requirements-peers.txt)
 	@touch $@
 
 # Simulators that robots of one's own may have.
 $(VENV)/simulators-ready: tools/requirements-simulators.txt $(VENV)/ready
 	@echo "Simulators of robots of one's own ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-simulators.txt
+	@$(call install,$(VENV),tools/requirements-simulators.txt)
 	@touch $@
 
 # The reader of ArduPilot's logs, which most users do not need.
 $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 	@echo "Reader of ArduPilot's logs ..."
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) -r tools/requirements-logs.txt
+	@$(call install,$(VENV),tools/requirements-logs.txt)
 	@touch $@
 
 blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
@@ -150,16 +154,21 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 	@echo "Package managers ..."
 	@rm -rf $(BUILD)/packagers
 	@$(PYTHON) -m venv $(BUILD)/packagers
-	@$(BUILD)/packagers/bin/pip install $(PIP_OPTIONS) -r tools/requirements-packagers.txt
+	@$(call install,$(BUILD)/packagers,tools/requirements-packagers.txt)
 	@touch $@
 
 packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig
 	@$(VENV)/bin/python -m pytest -q -rs test/python/test_drop_in.py
 
-docs: | system ## the docs as a site with the reference of the C interface, links checked: build/site
-	@test -x $(BUILD)/docs-venv/bin/mkdocs || $(PYTHON) -m venv $(BUILD)/docs-venv
-	@$(BUILD)/docs-venv/bin/pip install $(PIP_OPTIONS) -r tools/requirements-docs.txt
-	@$(BUILD)/docs-venv/bin/mkdocs build --quiet
+# What makes the site of the docs.
+$(VENV)/docs-ready: tools/requirements-docs.txt $(VENV)/ready
+	@echo "Packages for the docs ..."
+	@$(call install,$(VENV),tools/requirements-docs.txt)
+	@touch $@
+
+docs: $(VENV)/docs-ready ## the docs as a site with the reference of C, Python and the commands, links checked: build/site
+	@$(VENV)/bin/python docs/site.py $(BUILD)/docs
+	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs $(BUILD)/docs $(BUILD)/site
 	@echo "The site is in $(BUILD)/site: open $(BUILD)/site/index.html"
 
 clean: ## removes build/

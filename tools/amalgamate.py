@@ -220,7 +220,7 @@ def header_parts(name):
                 raise Surprise(f"{name}.h no longer says '{old.split(' ')[0]} ...' of the files: mend FILE_TALK")
             text = text.replace(old, new)
     comment = text[: text.index("*/") + 2]
-    shared = text[text.index("#define", text.index('extern "C"')) if name == "tinykoop" else text.index("/* Which") :]
+    shared = text[text.index("#define", text.index('extern "C"')) if name == "tinykoop" else text.index("/*", text.index('extern "C"')) :]
     return comment, shared[: shared.index("#define KOOP_REAL")].rstrip() + "\n"
 
 

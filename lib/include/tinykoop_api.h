@@ -1,428 +1,456 @@
 /* The interface of TinyKoop in one precision. Included by tinykoop.h, once for
  * float (koopf_) and once for double (koopd_): include that, not this. */
 
-/* Message for a status: static text, never null. */
+/* Message for a status: static text of one line, never null. An unknown status has a message too. */
 const char *KOOP(status_message)(int status);
 
-/* KOOP_E_ARITHMETIC where arithmetic is not that of IEEE 754 with NaN, to the nearest: because of how this was
- * compiled (the files ask for strict arithmetic themselves; a compiler may not know that), or because the
- * processor is set to another rounding. A few hundred instructions: call it once at boot, and do not fly
- * where it fails. It does not mind a * b + c in one operation where that is harmless, nor subnormal numbers that
- * are taken for 0. */
+/* Checks at run time that arithmetic is that of IEEE 754, with NaN and rounding to nearest. Call it once at
+ * boot: it takes a few hundred instructions. Do not fly unless it returns KOOP_OK.
+ *
+ * KOOP_E_ARITHMETIC: the compiler flags are unsafe (the sources request strict arithmetic themselves, but a
+ * compiler may not understand the request), or the processor is set to another rounding mode. Harmless
+ * contraction of a * b + c and subnormal numbers flushed to 0 are accepted. */
 int KOOP(self_test)(void);
 
 /* ---- Dictionary: how a state is lifted ---------------------------------- */
 
-/* A dictionary lifts x (n values) to psi (N values). The first n values of psi
- * are x itself, so that the state can be read off a prediction.
+/* A dictionary lifts x (n values) to psi (N values): the observables of paper, section "Generalized Recursive
+ * Koopman Learning". The first n values of psi must be x itself, so that the state can be read from a prediction.
  *
- * Your own: fill this struct. `lift` writes all N values and sees its own
- * dictionary, so `context` can carry its settings. It need not check for NaN.
- */
+ * To define your own dictionary, fill this struct; examples/own_dictionary.c does. Scale the functions to
+ * magnitudes within a factor of 100 of each other. */
 typedef struct KOOP(dictionary) {
-	const char *name;
+	const char *name; /* not null; a stored model holds its hash and is refused under another name */
 	size_t n_states; /* n >= 1 */
-	size_t n_lifted; /* N >= n */
+	size_t n_lifted; /* N, n <= N <= KOOP_MAX_DIM */
+	/* Writes all N values of psi for the n values of x. It need not check for NaN. `self` is this dictionary. */
 	void (*lift)(const struct KOOP(dictionary) *self, const KOOP_REAL *x, KOOP_REAL *psi);
-	const void *context;
+	const void *context; /* settings for `lift`, which finds them in self->context; may be null */
 } KOOP(dictionary);
 
 /* Differential-drive robot, x = [px (m), py (m), theta (rad)], paper section
  * "Dictionary selection":
  *   poly  N = 7   [px py theta  px^2 py^2  sin cos]
  *   rbf   N = 22  [px py theta  16 Gaussians of (px, py)  sin cos atan2(sin, cos)]
- * The Gaussians have sigma 1.5 m on a 4 x 4 grid over [-3, 3] m: the paper
- * leaves both open, these reproduce its figures. */
+ * The Gaussians have sigma = 1.5 m and centres on a 4 x 4 grid over [-3, 3] m. The paper
+ * specifies neither; these values reproduce its figures. */
 extern const KOOP(dictionary) KOOP(poly_ddr);
 extern const KOOP(dictionary) KOOP(rbf_ddr);
 
 /* Flapping-wing MAV, x = [gyro (3, rad/s), accelerometer (3, m/s^2), pitch,
- * roll, yaw (rad), yaw rate (rad/s)]. The paper does not define these; see the
- * two source files for what was chosen and why:
+ * roll, yaw (rad), yaw rate (rad/s)]. The paper does not define these dictionaries;
+ * lib/src/dictionary_fwmav.c gives the reasons for this choice:
  *   poly  N = 20  [x  squares and products of the gyro rates  sin, cos of pitch and roll]
  *   rbf   N = 30  [x  16 Gaussians of (pitch, roll)  sin, cos of pitch and roll] */
 extern const KOOP(dictionary) KOOP(poly_fwmav);
 extern const KOOP(dictionary) KOOP(rbf_fwmav);
 
-/* psi = Psi(x). Refuses a state or a result that is not finite; psi is then
- * not to be used. The four above take their sines, to less than one unit of the
- * last place, from the library itself, not from libm; an angle beyond 2^20 rad, in
- * double 2^30, has none (KOOP_E_OVERFLOW), and from 10^4 or 10^6 rad on its own
- * last place is the larger error. Wrap it. */
+/* Lifts a state: psi (N) = Psi(x (n)). Do not use psi unless the status is KOOP_OK.
+ *
+ * KOOP_E_SIZE: the dictionary's n or N is out of range. KOOP_E_INPUT: x is not finite. KOOP_E_OVERFLOW: psi is
+ * not finite.
+ *
+ * The four dictionaries above use the library's own sine and cosine, not those of libm, with an error below one
+ * unit in the last place. They refuse angles beyond 2^20 rad (2^30 rad in double) with KOOP_E_OVERFLOW. Beyond
+ * 10^4 rad (10^6 rad in double) the resolution of the angle itself is the larger error: wrap angles. */
 int KOOP(lift)(const KOOP(dictionary) *dictionary, const KOOP_REAL *x, KOOP_REAL *psi);
 
-/* ---- Regulator: what a sample does to Theta and P ------------------------ */
+/* ---- Regulator: how a sample changes Theta and P -------------------------- */
 
 struct KOOP(rls);
 
-/* How one sample is to be used:
+/* How one sample changes Theta and P (paper, eq. (4), with the modifications of its section
+ * "Robust Covariance-Regulated Modifications"):
  *
  *     g = (P + inflate zeta zeta') zeta,   s = zeta' g
  *     Theta += error g' / (noise + s)                          if update_theta
  *     P = (P + inflate zeta zeta' - g g' / (noise + s)) scale  if update_covariance
  */
 typedef struct KOOP(step) {
-	KOOP_REAL noise;   /* lambda, or 1 where forgetting is done by `inflate` */
+	KOOP_REAL noise;   /* lambda, or 1 if `inflate` does the forgetting */
 	KOOP_REAL scale;   /* 1 / lambda for exponential forgetting, else 1 */
-	KOOP_REAL inflate; /* SIFt: what is forgotten along zeta, else 0 */
-	KOOP_REAL trace;   /* P is scaled to this trace at the end; 0: it is not */
-	int update_theta;
-	int update_covariance;
+	KOOP_REAL inflate; /* SIFt: (1 - lambda) / (lambda zeta' P^-1 zeta); else 0 */
+	KOOP_REAL trace;   /* the trace to which P is scaled at the end; 0: P is not scaled */
+	int update_theta;      /* 0: Theta stays as it is */
+	int update_covariance; /* 0: P stays as it is */
 } KOOP(step);
 
+/* A regulator decides how each sample changes Theta and P. To define your own, fill this struct. */
 typedef struct KOOP(regulator) {
 	const char *name;
-	int needs_information; /* 1: P^-1 is kept too (plain form) */
-	/* Decides from the norm of the innovation; `step` comes in as exponential
-	 * forgetting. */
+	int needs_information; /* 1: the plain form stores P^-1 too */
+	/* Sets `step` for this sample. `step` comes in as exponential forgetting; `innovation` is the norm
+	 * |psi_next - Theta zeta|; rls->zeta is the regressor. A status other than KOOP_OK refuses the sample. */
 	int (*decide)(struct KOOP(rls) *rls, KOOP_REAL innovation, KOOP(step) *step);
-	int forgets; /* 1: exponentially, in all directions: the memory is 1 / (1 - lambda) samples */
+	int forgets; /* 1: forgets exponentially in all directions: the memory is 1 / (1 - lambda) samples */
 } KOOP(regulator);
 
-extern const KOOP(regulator) KOOP(reg_none);  /* lambda = 1: nothing is forgotten */
-extern const KOOP(regulator) KOOP(reg_ef);    /* exponential forgetting, the paper's vanilla */
-extern const KOOP(regulator) KOOP(reg_dz_cs); /* dead zone: a small innovation leaves P alone */
-extern const KOOP(regulator) KOOP(reg_dz_ks); /* dead zone: a small innovation leaves P and Theta alone */
-extern const KOOP(regulator) KOOP(reg_ct);    /* constant trace */
-extern const KOOP(regulator) KOOP(reg_sift);  /* forgets only along the regressor */
+extern const KOOP(regulator) KOOP(reg_none);  /* lambda = 1: ordinary recursive least squares */
+extern const KOOP(regulator) KOOP(reg_ef);    /* exponential forgetting: vanilla in the paper, eq. (4) */
+extern const KOOP(regulator) KOOP(reg_dz_cs); /* P is frozen while the innovation is <= delta: "Error Dead-Zone Gating" */
+extern const KOOP(regulator) KOOP(reg_dz_ks); /* P and Theta are frozen then: the comparison method of the paper */
+extern const KOOP(regulator) KOOP(reg_ct);    /* P is scaled to the trace tau0: "Constant-Trace Normalization" */
+extern const KOOP(regulator) KOOP(reg_sift);  /* forgets along zeta only: "Subspace-of-Information Forgetting" */
 
-/* ---- Form: how P is kept -------------------------------------------------- */
+/* ---- Form: how P is stored ------------------------------------------------- */
 
+/* A form stores P and updates it. Two are provided; you need this struct only to write a third. */
 typedef struct KOOP(form) {
 	const char *name;
-	/* number of reals of storage that P takes */
+	/* Number of reals of storage for P. */
 	size_t (*reals)(const struct KOOP(rls) *rls);
 	/* P = p0 I */
 	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
-	/* rls->gain = P zeta; returns zeta' P zeta */
+	/* rls->gain = P zeta; returns zeta' P zeta. */
 	KOOP_REAL (*gain)(struct KOOP(rls) *rls);
-	/* zeta' P^-1 zeta */
+	/* Returns zeta' P^-1 zeta. */
 	KOOP_REAL (*information)(struct KOOP(rls) *rls);
-	/* P as `step` says, or a status and P as it was; rls->gain is
-	 * g / denominator, and denominator = noise + s */
+	/* Updates P according to `step`, or returns a status and leaves P as it was. On entry rls->gain is
+	 * g / denominator, and denominator = noise + s. */
 	int (*apply)(struct KOOP(rls) *rls, const KOOP(step) *step, KOOP_REAL denominator);
-	/* element (i, j) of P */
+	/* Returns element (i, j) of P. */
 	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
-	/* the diagonal of P, KOOP_PAD(d) reals; may be rls->work */
+	/* Writes the diagonal of P, KOOP_PAD(d) reals. `diagonal` may be rls->work. */
 	void (*diagonal)(const struct KOOP(rls) *rls, KOOP_REAL *diagonal);
-	/* for a stored model: how many lower triangles of d x d say all of P, and their elements, j <= i; null
-	 * where P is not to be stored */
+	/* For stored models: the number of lower triangles of d x d that represent P, and access to their elements,
+	 * j <= i. All three are null if P cannot be stored. */
 	size_t (*triangles)(const struct KOOP(rls) *rls);
 	KOOP_REAL (*get)(const struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j);
 	void (*set)(struct KOOP(rls) *rls, size_t triangle, size_t i, size_t j, KOOP_REAL value);
-	/* how many reals at the end of its storage say nothing of P; null: none */
+	/* Number of reals at the end of its storage that do not represent P; null: none. */
 	size_t (*scratch)(const struct KOOP(rls) *rls);
 } KOOP(form);
 
-/* plain: P as a number times a matrix, symmetric bit for bit by construction.
- *        The paper's algebra, and the fastest; P can lose positive definiteness.
- * sqrt:  triangular S with P = S S' (Carlson's update). P is positive definite
- *        by construction and reaches the square of the plain form's range. */
+/* form_plain: P as a scalar times a matrix that is symmetric by construction, bit for bit. It is the algebra of
+ *     the paper's eq. (4), and the fastest. Round-off can cost P its positive definiteness.
+ * form_sqrt: triangular S with P = S S', by the update of Carlson (1973). P is positive definite by
+ *     construction, and its range is the square of the plain form's. Choose it in float. */
 extern const KOOP(form) KOOP(form_plain);
 extern const KOOP(form) KOOP(form_sqrt);
 
 /* ---- Recursive least squares ---------------------------------------------- */
 
+/* Configuration of an estimator. What it points to must outlive the estimator. */
 typedef struct KOOP(config) {
 	const KOOP(dictionary) *dictionary;
-	size_t n_inputs; /* m >= 1 */
+	size_t n_inputs; /* m >= 1, N + m <= KOOP_MAX_DIM */
 	const KOOP(regulator) *regulator;
 	const KOOP(form) *form;
-	KOOP_REAL lambda;   /* forgetting factor, (0, 1]; the regulator `none` ignores it */
-	KOOP_REAL p0;       /* P starts as p0 I, p0 >= FLT_MIN or DBL_MIN */
-	KOOP_REAL delta;    /* dead zones: threshold of the innovation, >= 0 */
-	KOOP_REAL tau0;     /* constant trace: the trace, > 0; 0 means p0 d */
-	KOOP_REAL eps_sift; /* SIFt: least zeta' zeta that carries information, > 0; 0 means 1e-10 */
-	int check;          /* KOOP_CHECK_... */
-	int checksum;       /* 1: a checksum of Theta and P is verified and renewed at every update */
+	KOOP_REAL lambda;   /* forgetting factor, 0 < lambda <= 1; the regulator `none` ignores it */
+	KOOP_REAL p0;       /* initial covariance P = p0 I, p0 >= FLT_MIN or DBL_MIN; a large p0 trusts the samples */
+	KOOP_REAL delta;    /* dead zones: threshold of the innovation's norm, >= 0, finite, in units of psi */
+	KOOP_REAL tau0;     /* constant trace: the trace, > 0, below an eighth of the largest real; 0: p0 d */
+	KOOP_REAL eps_sift; /* SIFt: min zeta' zeta that carries information, > 0, finite; 0: 1e-10 */
+	int check;          /* KOOP_CHECK_REFUSE, KOOP_CHECK_REPORT or KOOP_CHECK_DIAGONAL */
+	int checksum;       /* 1: every update verifies and renews a checksum of Theta and P; 0: no checksum */
 } KOOP(config);
 
-/* What an update saw, filled in whether it took the sample or not. */
+/* What an update found. It is filled in whether the sample is accepted or refused. */
 typedef struct KOOP(health) {
-	KOOP_REAL innovation;   /* |psi_next - Theta zeta|, before the update */
-	KOOP_REAL trace;        /* of P; infinite where it does not fit this precision */
+	KOOP_REAL innovation;   /* |psi_next - Theta zeta| before the update, in units of psi */
+	KOOP_REAL trace;        /* trace of P; infinite if it does not fit this precision */
 	KOOP_REAL min_diagonal; /* smallest diagonal element of P */
-	int gated;              /* 1: the regulator left P alone */
-	int positive_definite;  /* 0: P is not, or would not have been */
-	int finite;             /* 0: something was not, or would not have been */
+	int gated;              /* 1: the regulator left P unchanged */
+	int positive_definite;  /* 0: P is not positive definite, or the sample was refused because P would not be */
+	int finite;             /* 0: the sample or the result was not finite, and the sample was refused */
 	int short_memory;       /* 1: 1 / (1 - lambda) samples are fewer than the d unknowns of a row of Theta */
-	int winding_up;         /* 1: the trace of P is over 100 times the one it began with (tau0) */
+	int winding_up;         /* 1: the trace of P is more than 100 times its initial value (tau0) */
 } KOOP(health);
 
-/* The estimator. The caller owns it and its storage; treat the fields as
- * private unless you write a regulator or a form. */
+/* The estimator. The caller owns it and its storage. Treat the fields as private unless you write a
+ * regulator or a form; `theta`, for rls_copy_theta(), mpc_solve() and guard_init(), and `mended` are to be read. */
 typedef struct KOOP(rls) {
 	KOOP(config) config;
 	size_t n_lifted;            /* N */
 	size_t n_regressors;        /* d = N + m */
 	size_t n_lifted_padded;     /* rows of theta are this long */
 	size_t n_regressors_padded; /* the vectors below are this long */
-	size_t kept;                /* reals that say what was learned, from theta on */
-	KOOP_REAL *theta;           /* Theta', d x N, zero in the padding */
-	KOOP_REAL *covariance;      /* the form's: what it keeps of P */
+	size_t kept;                /* reals that represent the learned model, from theta on */
+	KOOP_REAL *theta;           /* Theta', d rows of n_lifted_padded, zero in the padding */
+	KOOP_REAL *covariance;      /* the form's representation of P */
 	KOOP_REAL *zeta;            /* scratch: regressor, d */
 	KOOP_REAL *gain;            /* scratch: P zeta, then the gain K, d */
 	KOOP_REAL *work;            /* scratch: three of d */
 	KOOP_REAL *error;           /* scratch: innovation, N */
 	KOOP_REAL gain_square;      /* scratch: K' K */
-	KOOP_REAL covariance_scale; /* plain form: P is this times what is kept */
+	KOOP_REAL covariance_scale; /* plain form: P is this times the stored matrix */
 	KOOP_REAL theta_bound;      /* >= every |element| of theta */
-	KOOP_REAL covariance_bound; /* >= every |element| of what is kept of P */
-	int positive_definite;      /* 0: P is known not to be */
+	KOOP_REAL covariance_bound; /* >= every |element| of the stored representation of P */
+	int positive_definite;      /* 0: P is known not to be positive definite */
 	size_t mirrored;            /* plain form: the row that was made symmetric last */
 	int short_memory;           /* as in the health: a warning, known after rls_init() */
-	koop_checksum sum;          /* of theta, what is kept of P, and the three numbers above */
-	size_t mended;              /* flipped bits found and mended */
+	koop_checksum sum;          /* of theta, the stored P, and the three numbers above */
+	size_t mended;              /* number of flipped bits that were found and repaired */
 } KOOP(rls);
 
-/* Number of reals that rls_init() will need for this configuration. */
+/* Number of reals of storage that rls_init() needs for this configuration.
+ * KOOP_E_SIZE: n, N or m is out of range. KOOP_E_RANGE: another setting is. */
 int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals);
 
-/* Theta = 0, P = p0 I. `storage` must outlive `rls`; what it holds does not matter. */
+/* Starts an estimator with Theta = 0 and P = p0 I. `storage` (`reals` reals, KOOP_RLS_REALS_SQRT or
+ * KOOP_RLS_REALS_PLAIN suffice) must outlive `rls`; its content does not matter. `config` is copied.
+ * KOOP_E_SIZE, KOOP_E_RANGE: as rls_reals(). KOOP_E_STORAGE: `reals` is too small. */
 int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storage, size_t reals);
 
-/* Learns from one step: psi (N) and u (m) led to psi_next (N). Paper, eq. (4)
- * and section "Robust Covariance-Regulated Modifications".
+/* Learns from one sample: psi (N) and the applied input u (m) led to psi_next (N), one control period later.
+ * Paper, eq. (4) and section "Robust Covariance-Regulated Modifications". `health` may be null.
  *
- * `health` may be null. Policy: a sample that is not finite, whose result would
- * not be finite, or that would cost P its positive definiteness is refused,
- * and Theta and P stay as they were. When KOOP_E_INDEFINITE or
- * KOOP_E_OVERFLOW keeps coming back, rls_reset_covariance() is the way on; it
- * keeps Theta, so where a huge but finite sample has spoilt that, load a model
- * as well, or use the gate below, which does both and refuses outliers. */
+ * A refused sample leaves Theta and P as they were. KOOP_E_INPUT: the sample is not finite. KOOP_E_OVERFLOW: the
+ * result would not be finite. KOOP_E_INDEFINITE: P would lose positive definiteness. KOOP_E_MEMORY: see
+ * rls_check().
+ *
+ * If KOOP_E_INDEFINITE or KOOP_E_OVERFLOW persists, call rls_reset_covariance(). That keeps Theta: if a huge but
+ * finite sample has corrupted Theta, load a model as well. The gate below does both, and refuses outliers. */
 int KOOP(rls_update)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, const KOOP_REAL *psi_next,
                      KOOP(health) *health);
 
-/* With config.checksum: whether Theta and P are, bit for bit, what the last call left. A single flipped bit
- * is mended, and counted in rls.mended; KOOP_E_MEMORY where more have flipped: load a model and start P
- * again. Every update does this by itself first. Without config.checksum: KOOP_E_RANGE. */
+/* Verifies that Theta and P are, bit for bit, as the last call left them. Every update does this first. A single
+ * flipped bit is repaired, and counted in rls.mended.
+ * KOOP_E_MEMORY: more bits have flipped; load a model and reset P. KOOP_E_RANGE: config.checksum is 0. */
 int KOOP(rls_check)(KOOP(rls) *rls);
 
-/* psi_next = Theta [psi; u]. psi_next (N) may be psi. */
+/* Predicts one step: psi_next (N) = Theta [psi (N); u (m)]. psi_next may be psi. Theta and P are not changed.
+ * KOOP_E_INPUT: psi or u is not finite. KOOP_E_OVERFLOW: the prediction is not finite. */
 int KOOP(rls_predict)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, KOOP_REAL *psi_next);
 
-/* Starts P again as p0 I and keeps Theta. */
+/* Resets P to p0 I and keeps Theta. KOOP_E_RANGE: p0 is below FLT_MIN or DBL_MIN, or above half of the largest
+ * real. Not while the model controls the robot: with a large P a few samples rewrite the model. */
 int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
 
-/* Theta as N rows of d, row by row. */
+/* Copies Theta out, N rows of d. */
 int KOOP(rls_get_theta)(const KOOP(rls) *rls, KOOP_REAL *theta);
+
+/* Sets Theta from N rows of d, and keeps P. KOOP_E_INPUT: an element is not finite. */
 int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
-/* Theta as another estimator of the same sizes holds it: `theta` is laid out as
- * rls.theta is. Refuses one that is not finite. */
+/* Sets Theta from that of another estimator of the same sizes, and keeps P. `theta` has the layout of rls.theta.
+ * KOOP_E_INPUT: an element is not finite. */
 int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
-/* P as d rows of d. KOOP_E_OVERFLOW where only its root fits this precision. */
+/* Copies P out, d rows of d. KOOP_E_OVERFLOW: an element of P does not fit this precision (in the square-root
+ * form its root still does); it is then written as infinity. */
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
 
 /* ---- Gate ------------------------------------------------------------------- */
 
-/* Zeros mean the defaults, in brackets. */
+/* Configuration of a gate. Zero selects the default, which is in brackets. */
 typedef struct KOOP(gate_config) {
-	/* A sample is an outlier where one of its N innovations is beyond this times its standard deviation, >= 1 (5). */
+	/* A sample is an outlier if one of its N innovations exceeds this many standard deviations, >= 1 (5). */
 	KOOP_REAL multiple;
-	/* Smallest standard deviation of an innovation (0). Set it where the robot comes to rest: the innovations
-	 * shrink there, and the first samples that move it again would be refused. */
+	/* Smallest standard deviation of an innovation, >= 0, in units of psi (0). Set it if the robot comes to rest:
+	 * the innovations shrink at rest, and the first samples of the next motion would be refused. */
 	KOOP_REAL floor;
 	/* The gate reopens after this many net rejections, rejected minus accepted (5). */
 	size_t patience;
-	/* Samples until a change is accepted as permanent (1000): a fault that is over by then leaves no trace. */
+	/* Number of samples until a change is accepted as permanent (1000). A shorter fault leaves no trace. */
 	size_t hold;
 } KOOP(gate_config);
 
-/* Protects the learner from impossible samples: a spike, a stuck or lost sensor, rows that are mixed up.
- * Outliers are refused while they are few. When they are many the learner follows them, as it
- * must if the robot has changed; but the model from before is kept, and is restored when it
- * predicts better than what was learned since.
+/* Protects the learner from impossible samples: a spike, a stuck or lost sensor, mixed-up rows. Outliers are
+ * refused while they are few. If they persist, the learner follows them, since the robot may have changed. The
+ * previous model is kept, and is restored if it predicts better than the new one.
  *
- * Check the range of the sensors before, and lift nothing that is outside. The caller owns it
- * and its storage. To read: refused, restored. */
+ * Check the range of the sensors first, and do not lift readings outside it. The caller owns the gate and its
+ * storage. `refused` and `restored` are to be read; the other fields are private. The paper has no gate. */
 typedef struct KOOP(gate) {
 	KOOP(gate_config) config;
-	KOOP(rls) saved;              /* the learner before the outliers */
-	KOOP_REAL *variance;          /* mean square of each innovation without faults, N */
+	KOOP(rls) saved;              /* copy of the learner before the outliers */
+	KOOP_REAL *variance;          /* mean square of each innovation in the absence of faults, N */
 	KOOP_REAL *recent_variance;   /* mean square of each recent innovation, N */
 	KOOP_REAL *previous_variance; /* variance before a change was accepted, N */
-	size_t warm_up;               /* samples until `variance` is learned */
-	size_t n_variance;            /* samples that it is the mean of */
+	size_t warm_up;               /* samples until `variance` is known */
+	size_t n_variance;            /* number of samples in the mean `variance` */
 	size_t refused;               /* net rejections: outliers minus samples accepted since */
-	size_t grace;                 /* samples still to be accepted without a test */
-	size_t judged, failed;        /* samples compared; those of them that could not be learned */
-	KOOP_REAL nis;                /* normalised innovation squared of the learner, summed */
+	size_t grace;                 /* number of samples that are still accepted without a test */
+	size_t judged, failed;        /* samples compared in this window; those of them that could not be learned */
+	KOOP_REAL nis;                /* normalised innovation squared of the learner, summed over the window */
 	KOOP_REAL saved_nis;          /* the same, of the saved learner */
-	KOOP_REAL previous_nis;       /* the same, of the learner by previous_variance */
-	size_t suspect_for;           /* samples since the saved learner predicted within its variance */
-	size_t restored;              /* how often it was restored */
-	int restored_once;            /* it was, and nothing was saved since */
-	int changed;                  /* 1: a change is accepted, previous_variance is kept */
+	KOOP_REAL previous_nis;       /* the same, of the learner, normalised by previous_variance */
+	size_t suspect_for;           /* samples since the saved learner last predicted within its variance */
+	size_t restored;              /* number of times that the saved learner was restored */
+	int restored_once;            /* 1: it was restored, and nothing has been saved since */
+	int changed;                  /* 1: a change was accepted, and previous_variance is kept */
 	int trust;                    /* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE */
-	int worst;                    /* likewise, of this window alone */
-	koop_checksum sum;            /* of the variances, and of what stands from `warm_up` to here */
+	int worst;                    /* the worst of these in this window */
+	koop_checksum sum;            /* of the variances, and of the fields from `warm_up` to here */
 } KOOP(gate);
 
-/* For an estimator that is initialised, after a model is loaded. `config` may be null.
- * Storage: KOOP_GATE_REALS_SQRT or KOOP_GATE_REALS_PLAIN, or 2 N more than rls_reals() says.
- * It accepts all of the first samples, from which it learns the variance. */
+/* Starts a gate for an initialised estimator. Call it after model_load(). `config` may be null: all defaults; it
+ * is copied. Storage: KOOP_GATE_REALS_SQRT or KOOP_GATE_REALS_PLAIN, or 3 N more than rls_reals(). The first
+ * samples are all accepted: the gate learns the variance from them.
+ * KOOP_E_RANGE: a setting is out of range. KOOP_E_STORAGE: `reals` is too small. */
 int KOOP(gate_init)(KOOP(gate) *gate, const KOOP(gate_config) *config, const KOOP(rls) *rls,
                     KOOP_REAL *storage, size_t reals);
 
-/* rls_update() in its place, with its arguments and status, or KOOP_E_OUTLIER: Theta and P
- * stay as they were, but that any sample may be the one that brings back what was known before.
- * Where KOOP_E_INDEFINITE or KOOP_E_OVERFLOW keeps coming back, that is so too, and P is p0 I. */
+/* Replaces rls_update(), with the same arguments and statuses, and two more. KOOP_E_OUTLIER: the gate refused the
+ * sample, and Theta and P stay as they were. KOOP_E_SIZE: the gate was started for an estimator of another kind.
+ *
+ * Any sample, accepted or refused, can be the one at which the previous model is restored. If
+ * KOOP_E_INDEFINITE or KOOP_E_OVERFLOW persists, it is restored too, with P = p0 I. */
 int KOOP(gate_update)(KOOP(gate) *gate, KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u,
                       const KOOP_REAL *psi_next, KOOP(health) *health);
 
-/* KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE: whether to control with what the learner knows.
- * Refuse: samples cannot be learned, P is not positive definite, or over a window of 4 d samples the mean
- * square of the innovations is above 12 times their variance. Doubtful: that is above 5 times, there was an
- * outlier, samples are accepted without a test, or the variance is not known yet. KOOP_E_INPUT changes
- * nothing here.
- * It becomes worse at once, and better by one step at the end of each window in which nothing spoke against
- * it: from refuse to trusted within 12 d samples after the last alarm. */
+/* Returns whether to control with the learned model: KOOP_TRUSTED, KOOP_DOUBTFUL or KOOP_REFUSE.
+ *
+ * KOOP_REFUSE: samples cannot be learned, P is not positive definite, or the mean square of the innovations over
+ * a window of 4 d samples exceeds 12 times their variance. KOOP_DOUBTFUL: it exceeds 5 times their variance,
+ * there was an outlier, samples are accepted without a test, or the variance is not known yet. Samples refused
+ * with KOOP_E_INPUT do not count.
+ *
+ * The result gets worse immediately. It improves by one level at the end of each window without an alarm: from
+ * KOOP_REFUSE to KOOP_TRUSTED within 12 d samples after the last alarm. */
 int KOOP(gate_trust)(const KOOP(gate) *gate);
 
 /* ---- Low-pass ---------------------------------------------------------------- */
 
-/* What flapping wings, rotors or an engine do to a sensor, taken off before the
- * state is lifted: Butterworth, second order, for n channels at once. It falls
- * by 3 dB at the cut-off and delays what is slow by 0.225 / cutoff seconds. */
+/* Butterworth low-pass filter of second order, for n channels: removes the vibration of flapping wings, rotors or
+ * an engine from a sensor before the state is lifted. The gain is -3 dB at the cut-off frequency. Slow signals are
+ * delayed by 0.225 / cutoff seconds. The caller owns it and its storage; the fields are private. */
 typedef struct KOOP(lowpass) {
-	size_t n;
-	KOOP_REAL b, a1, a2; /* y = b (x + 2 x' + x'') - a1 y' - a2 y'', ' a sample before */
-	KOOP_REAL *state;    /* two for each channel */
-	int settled;
+	size_t n;            /* channels */
+	KOOP_REAL b, a1, a2; /* y = b (x + 2 x' + x'') - a1 y' - a2 y'', where ' is one sample earlier */
+	KOOP_REAL *state;    /* two per channel */
+	int settled;         /* 0: the next sample is the first one */
 } KOOP(lowpass);
 
-/* cutoff and rate of sampling in Hz, 0.001 rate <= cutoff <= 0.45 rate. Storage: KOOP_LOWPASS_REALS(n). */
+/* Starts a filter of n channels, 1 <= n <= KOOP_MAX_DIM. `cutoff` and the sampling rate `rate` are in Hz,
+ * 0.001 rate <= cutoff <= 0.45 rate. Storage: KOOP_LOWPASS_REALS(n).
+ * KOOP_E_SIZE: n. KOOP_E_STORAGE: `reals` is too small. KOOP_E_RANGE: `cutoff` or `rate`. */
 int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, KOOP_REAL cutoff, KOOP_REAL rate, KOOP_REAL *storage,
                        size_t reals);
 
-/* Restarts the filter, settled on the next sample: for use after a gap. */
+/* Restarts the filter in the steady state of the next sample. Call it after a gap in the samples. */
 int KOOP(lowpass_reset)(KOOP(lowpass) *filter);
 
-/* y (n) = x (n) filtered; y may be x. One step a sample, and only forwards in
- * time. A sample that is not finite, or too large, is refused and changes nothing. */
+/* Filters one sample: y (n) from x (n). y may be x. Call it once per sample, in the order of time.
+ * A refused sample changes nothing. KOOP_E_INPUT: x is not finite. KOOP_E_OVERFLOW: |x| exceeds 1/64 of the
+ * largest real. */
 int KOOP(lowpass_step)(KOOP(lowpass) *filter, const KOOP_REAL *x, KOOP_REAL *y);
 
 /* ---- Dead-zone threshold --------------------------------------------------- */
 
-/* The linearly interpolated eta-quantile of calibration innovations (paper,
- * remark "Dead-Zone Threshold Selection"), 0 <= eta <= 1. Sorts `scores`. */
+/* Dead-zone threshold delta from the norms of calibration innovations (health.innovation): their linearly
+ * interpolated eta-quantile, 0 <= eta <= 1 (paper, remark "Dead-Zone Threshold Selection"). Sorts `scores`
+ * (`count` >= 1 of them). A larger eta skips more updates.
+ * KOOP_E_SIZE: `count` is 0. KOOP_E_RANGE: eta. KOOP_E_INPUT: a score is not finite. */
 int KOOP(threshold)(KOOP_REAL *scores, size_t count, KOOP_REAL eta, KOOP_REAL *delta);
 
 /* ---- Stored model ----------------------------------------------------------- */
 
-/* Theta of an estimator as bytes with a checksum, for flash or a file: the same bytes on every machine. The
- * size is KOOPF_MODEL_BYTES or KOOPD_MODEL_BYTES. P is not stored: what an
- * offline fit leaves is too small to go on learning with. */
+/* Writes Theta as bytes with a checksum, for flash or a file: the same bytes on every machine. `size` must be at
+ * least KOOPF_MODEL_BYTES or KOOPD_MODEL_BYTES. P is not stored: after a long offline fit P is too small for
+ * further learning. KOOP_E_STORAGE: `size` is too small. */
 int KOOP(model_save)(const KOOP(rls) *rls, void *bytes, size_t size);
 
-/* The same with P, to go on as if there had been no stop (paper, footnote on EDMD: an offline fit gives both).
- * The size is KOOPF_MODEL_BYTES_P or KOOPD_MODEL_BYTES_P. KOOP_E_MODEL for a form that stores none. */
+/* Writes Theta and P, so that learning continues after a restart as if there had been none (paper, footnote on
+ * EDMD: an offline fit gives both). `size` must be at least KOOPF_MODEL_BYTES_P or KOOPD_MODEL_BYTES_P.
+ * KOOP_E_STORAGE: `size` is too small. KOOP_E_MODEL: the form cannot store P. */
 int KOOP(model_save_covariance)(const KOOP(rls) *rls, void *bytes, size_t size);
 
-/* Sets Theta, and P where the model carries it, of an initialised estimator. A model of another precision,
- * size or dictionary, one whose P is of another form, or one with a wrong checksum is refused with
- * KOOP_E_MODEL. So is a model of version 0.1.0, which does not tell its byte order, unless only one order
- * makes numbers of a usual size. */
+/* Reads a stored model of `size` bytes: sets Theta, and P if the model has it, of an initialised estimator.
+ * KOOP_E_MODEL: the model has another precision, size or dictionary, its P has another form, or its checksum is
+ * wrong. A model of version 0.1.0 does not record its byte order. It is refused too, unless only one order yields
+ * numbers of plausible size. */
 int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size);
 
 /* ---- Model predictive control -------------------------------------------------
  *
- * minimise over u[0..H-1] in [u_min, u_max]
+ * Minimises over u[0..H-1] in [u_min, u_max]
  *
  *     sum over i = 1..H of |x[i] - reference[i]|^2_Q
  *   + sum over i = 0..H-1 of |u[i]|^2_R + |u[i] - u[i-1]|^2_S
  *
- * subject to psi[i+1] = A psi[i] + B u[i] and x = the first n elements of psi
- * (paper, eq. of section "Koopman-MPC with Online Learning", with the input-rate
- * penalty S added). The model is condensed again at every call, since it is
- * learned at every step. */
+ * subject to psi[i+1] = A psi[i] + B u[i], where x is the first n elements of psi
+ * (paper, section "Koopman-MPC with Online Learning for DDR"; the input-rate
+ * penalty S is added). The quadratic program is condensed again at every call,
+ * since the model changes with every sample. */
 
+/* Configuration of a controller. The weights and limits that it points to must outlive the controller. */
 typedef struct KOOP(mpc_config) {
 	size_t n_lifted;         /* N */
-	size_t n_states;         /* n, tracked */
-	size_t n_inputs;         /* m */
-	size_t horizon;          /* H */
-	const KOOP_REAL *Q;      /* n x n, symmetric, positive semidefinite */
-	const KOOP_REAL *R;      /* m x m, symmetric, positive definite */
-	const KOOP_REAL *S;      /* m x m, symmetric, positive semidefinite; null: none */
-	const KOOP_REAL *u_min;  /* m; -INFINITY: no limit; u_min = u_max fixes the input */
-	const KOOP_REAL *u_max;  /* m; INFINITY: no limit */
-	const KOOP_REAL *u_safe; /* m, finite: given out, inside the limits, when there is no plan */
-	KOOP_REAL tolerance;     /* of the KKT residual, in units of the inputs; 0: 1e-9, in float 1e-5 */
+	size_t n_states;         /* n, the tracked states, 1 <= n <= N */
+	size_t n_inputs;         /* m >= 1, N + m <= KOOP_MAX_DIM */
+	size_t horizon;          /* H, 1 <= H <= KOOP_MPC_MAX_HORIZON, H m <= KOOP_MPC_MAX_INPUTS */
+	const KOOP_REAL *Q;      /* weight of the tracking error, n x n, symmetric, positive semidefinite */
+	const KOOP_REAL *R;      /* weight of the inputs, m x m, symmetric, positive definite */
+	const KOOP_REAL *S;      /* weight of the input rates, m x m, symmetric, positive semidefinite; null: none */
+	const KOOP_REAL *u_min;  /* m, lower limits, units of the inputs; -INFINITY: no limit; = u_max: fixed input */
+	const KOOP_REAL *u_max;  /* m, upper limits; INFINITY: no limit */
+	const KOOP_REAL *u_safe; /* m, finite, inside the limits: the input if there is no plan */
+	KOOP_REAL tolerance;     /* of the KKT residual, >= 0, units of the inputs; 0: 1e-9, in float 1e-5 */
 	int method;              /* KOOP_MPC_NEWTON or KOOP_MPC_GRADIENT */
 } KOOP(mpc_config);
 
+/* Result of a solve. */
 typedef struct KOOP(mpc_result) {
-	/* The largest step that a gradient step, scaled by the Hessian's diagonal, would
-	 * still make inside the limits: 0 at the optimum; units of the inputs. Where it is
-	 * above the tolerance, round-off or the bound on iterations came first; a last
-	 * correction of what round-off has left is not in it. An input
-	 * can be further from its optimum than this: measured, by a factor of 10 to 100. */
+	/* KKT residual: the largest step, in units of the inputs, that a gradient step scaled by the Hessian's
+	 * diagonal would still take inside the limits. It is 0 at the optimum. If it exceeds the tolerance, round-off
+	 * or the limit on iterations ended the solve. A final correction of round-off is not included. The error of an
+	 * input can be larger than the residual: by a factor of 10 to 100, as measured. */
 	KOOP_REAL residual;
-	size_t iterations; /* Newton or gradient steps; of the latter not one that round-off has ended */
+	size_t iterations; /* Newton or gradient steps; without a last gradient step that round-off has ended */
 } KOOP(mpc_result);
 
-/* The controller. The caller owns it, its storage, and what the configuration
- * points to. */
+/* The controller. The caller owns it and its storage. The fields are private. */
 typedef struct KOOP(mpc) {
 	KOOP(mpc_config) config;
-	KOOP_REAL *markov;                                   /* a row for each state and input: element of C A^k B, k = 0..H-1 */
-	KOOP_REAL *free_error;                               /* a row for each state, last step first: prediction without input less reference */
-	KOOP_REAL *state;                                    /* scratch: likewise */
-	KOOP_REAL *inverse;                                  /* of the diagonal of the Hessian, H m */
+	KOOP_REAL *markov;                                   /* Markov parameters C A^k B, k = 0..H-1: a row per state and input */
+	KOOP_REAL *free_error;                               /* free response minus reference: a row per state, last step first */
+	KOOP_REAL *state;                                    /* scratch: the same layout */
+	KOOP_REAL *inverse;                                  /* inverse of the Hessian's diagonal, H m */
 	KOOP_REAL *plan;                                     /* H m, last input first */
-	signed char *set;                                    /* H m: 0 free, below 0 held by its lower bound, above by its upper */
+	signed char *set;                                    /* H m, active set: 0 free, < 0 at its lower limit, > 0 at its upper limit */
 	KOOP_REAL *u_before;                                 /* m */
-	KOOP_REAL *u_min, *u_max, *u_safe;                   /* m each: limits and safe input of this solve */
+	KOOP_REAL *u_min, *u_max, *u_safe;                   /* m each: limits and safe input of the last solve */
 	KOOP_REAL *roots;                                    /* lower Cholesky factors of R, S and Q */
 	KOOP_REAL *gradient, *trial, *trial_gradient, *step; /* scratch: H m each */
-	KOOP_REAL *direction, *hessian_direction;            /* scratch: the same as trial and trial_gradient */
+	KOOP_REAL *direction, *hessian_direction;            /* scratch: the memory of trial and trial_gradient */
 	KOOP_REAL *work;                                     /* scratch */
-	KOOP_REAL *square;                                   /* scratch: 4 x 4 of the factor, and 4 */
-	KOOP_REAL *generator;                                /* of the Hessian: n + m rows of H m, or n + 2 m with S */
-	KOOP_REAL *factor;                                   /* packed Cholesky factor over the free inputs */
-	KOOP_REAL max_eigenvalue;                            /* largest eigenvalue seen of the scaled Hessian */
-	KOOP_REAL reach;                                     /* size of the inputs inside their limits */
-	KOOP_REAL noise;                                     /* a residual below this can be all round-off */
+	KOOP_REAL *square;                                   /* scratch: 4 x 4 block of the factor, and 4 reals */
+	KOOP_REAL *generator;                                /* generator of the Hessian: n + m rows of H m, n + 2 m with S */
+	KOOP_REAL *factor;                                   /* packed Cholesky factor of the Hessian of the free inputs */
+	KOOP_REAL max_eigenvalue;                            /* largest eigenvalue of the scaled Hessian so far */
+	KOOP_REAL reach;                                     /* largest magnitude or range of a limited input */
+	KOOP_REAL noise;                                     /* a residual below this can be round-off alone */
 	size_t n_free;                                       /* rows of the factor */
-	int unlimited;                                       /* 1: an input has no limit, and so no reach */
-	int planned;                                         /* plan and set are those of the last solve */
-	int factored;                                        /* factor is one over this choice of free inputs */
-	int fresh;                                           /* and of this solve's Hessian */
+	int unlimited;                                       /* 1: an input has no limit */
+	int planned;                                         /* 1: plan and set are those of the last solve */
+	int factored;                                        /* 1: the factor belongs to this choice of free inputs */
+	int fresh;                                           /* 1: and to the Hessian of this solve */
 } KOOP(mpc);
 
-/* Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals, and with S
- * KOOP_MPC_REALS_RATE more. Weights that are not symmetric and positive (semi)definite are refused, and so
- * is a u_safe that is outside the limits.
+/* Starts a controller. `config` is copied. Storage: KOOP_MPC_REALS_NEWTON or KOOP_MPC_REALS_GRADIENT reals, and
+ * with S KOOP_MPC_REALS_RATE more.
  *
- * u_min, u_max, u_safe, Q, R and S are read again at every solve and may change between two: limits of a
- * rate (u_min = u_before - 0.1), of a battery, of a failed actuator. */
+ * KOOP_E_SIZE: a size is out of range. KOOP_E_INPUT: a weight is not finite, a limit is NaN, or u_safe is not
+ * finite. KOOP_E_RANGE: a weight is not symmetric and positive (semi)definite, limits are crossed, u_safe is
+ * outside them, or another setting is out of range. KOOP_E_STORAGE: `reals` is too small.
+ *
+ * u_min, u_max, u_safe, Q, R and S are read again at every solve, and may change between two solves: rate limits
+ * (u_min = u_before - 0.1), limits of a battery, a failed actuator. */
 int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, KOOP_REAL *storage, size_t reals);
 
-/* Forgets the plan: the next solve starts from u_safe. */
+/* Discards the plan: the next solve starts from u_safe. */
 int KOOP(mpc_reset)(KOOP(mpc) *mpc);
 
-/* u (m) = first input of the best plan from psi (N) along reference (H rows of
- * n: where x should be at the next steps). theta is laid out as rls.theta is;
- * u_before (m), the input applied last, is read only with S. Starts from the
- * last plan, shifted. `result` may be null.
+/* Computes u (m), the first input of the optimal plan from psi (N) along `reference` (H rows of n: x at the next
+ * H steps). `theta` has the layout of rls.theta. u_before (m), the input applied last, is read only with S, else
+ * it may be null. `result` may be null. The solve starts from the last plan, shifted by one step (warm start).
  *
- * Limits are read once, at the start, and hold for u and every input of the plan. Where a pair of them is
- * crossed (KOOP_E_RANGE) or a limit or u_safe is NaN (KOOP_E_INPUT), the plan is kept, and u is the safe
- * input of the last solve.
+ * The limits are read once, at the start, and hold for u and every input of the plan. If a pair of them is
+ * crossed (KOOP_E_RANGE), or a limit is NaN or u_safe not finite (KOOP_E_INPUT), the plan is kept, and u is the
+ * safe input of the last solve.
  *
- * When there is no plan (any other status but KOOP_OK: a model that is not
- * finite or predicts beyond range, a Hessian that is not positive definite in
- * this precision), u is u_safe, brought inside the limits, and the plan is forgotten. u is never NaN and
- * never outside the limits, unless the status is KOOP_E_NULL. */
+ * If there is no plan, u is u_safe clipped to the limits, and the last plan is discarded. KOOP_E_INPUT: psi,
+ * `reference` or u_before is not finite. KOOP_E_OVERFLOW: the model is not finite, or its predictions exceed this
+ * precision. KOOP_E_INDEFINITE: the Hessian is not positive definite in this precision. u is never NaN and never
+ * outside the limits, unless the status is KOOP_E_NULL: then it is not written. */
 int KOOP(mpc_solve)(KOOP(mpc) *mpc, const KOOP_REAL *theta, const KOOP_REAL *psi, const KOOP_REAL *reference,
                     const KOOP_REAL *u_before, KOOP_REAL *u, KOOP(mpc_result) *result);
 
-/* The whole plan, H rows of m, first input first. */
+/* Copies the plan of the last solve: H rows of m, first input first, units of the inputs. */
 int KOOP(mpc_plan)(const KOOP(mpc) *mpc, KOOP_REAL *plan);
 
-/* G (n x m) = C A^step B, 0 <= step < H: what an input does to the state step + 1
- * later, by the model of the last solve. */
+/* Sensitivity of the state to the input `step` + 1 steps earlier, in the model of the last solve:
+ * G (n x m) = C A^step B, 0 <= step < H. KOOP_E_SIZE: `step` is not below H. */
 int KOOP(mpc_sensitivity)(const KOOP(mpc) *mpc, size_t step, KOOP_REAL *G);

@@ -1,16 +1,16 @@
-/* A guard for control on a model that is being learned. Optional: compile
+/* A guard (supervisor) for control with a model that is being learned. Optional: compile
  * lib/koopf_guard.c or lib/koopd_guard.c beside koopf.c or koopd.c.
  *
- * It holds an offline model, compares the learner with it at every step, and lets
- * the controller plan on one of three models:
+ * It compares the learned model with an offline model at every step, and lets the
+ * controller plan on one of three models:
  *
- *     online     what the learner has now
- *     last good  what it had when it had been trusted for a while; for a few steps
- *     offline    what was handed over at the start
+ *     online     the learned model of this step
+ *     last good  the learned model when it had last been trusted for a while; for a few steps
+ *     offline    the model given at the start
  *
- * It leaves the online model in the step in which that fails, and comes back
- * slowly. The guard can be no better than the offline model, which must keep to the
- * path by itself: fit it over more headings and speeds than will be driven.
+ * The guard leaves the online model in the step in which a check fails, and returns
+ * slowly. It can be no better than the offline model, which must track the path by
+ * itself: fit it over more headings and speeds than will be driven. The paper has no guard.
  *
  * Names, precisions and rules are those of tinykoop.h. */
 #ifndef TINYKOOP_GUARD_H
@@ -22,12 +22,12 @@
 extern "C" {
 #endif
 
-/* Which model was planned on. */
+/* The model that the last input was planned on (guard.model). */
 enum {
 	KOOP_GUARD_ONLINE = 0,
 	KOOP_GUARD_LAST_GOOD = 1,
 	KOOP_GUARD_OFFLINE = 2,
-	KOOP_GUARD_NONE = 3 /* none gave a plan: the input is the safe one */
+	KOOP_GUARD_NONE = 3 /* no model gave a plan: the input is u_safe */
 };
 
 /* Number of reals of the guard's storage, for N lifted states of which n are

@@ -100,19 +100,6 @@ def test_headline_figures_are_those_that_were_measured(readme):
     assert figure == count["instructions"]["rls_update"]["dz_cs"]
 
 
-def test_robot_of_ones_own(tmp_path):
-    """docs/own-robot.md: the example says what the page says."""
-    page = (ROOT / "docs/own-robot.md").read_text()
-    name, size = re.search(r"The answer is `(\S+)`, ([\d.]+) s\.", page).groups()
-    car = ROOT / "examples/own_robot/car"
-    subprocess.run([sys.executable, car / "make_log.py", tmp_path / "car.csv"], check=True)
-    own = [sys.executable, "-m", "tinykoop.cli", "diagnose", tmp_path / "car.csv", "--robot", car / "car.toml", "--out", tmp_path]
-    subprocess.run(own, check=True, capture_output=True)
-    report = json.loads((tmp_path / "report.json").read_text())
-    (effect,) = report["effects"]
-    assert effect["name"] == name and abs(effect["params"]["tau"] - float(size)) < 0.005
-
-
 def test_assurance_names_files_that_exist():
     """The page that says where each promise is kept."""
     page = (ROOT / "docs/assurance.md").read_text()

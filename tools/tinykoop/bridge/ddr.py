@@ -15,7 +15,11 @@ class _Recording(ct.Structure):
 
 
 def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
-    """Measured states (K+1, 3) [m, m, rad] of the DDR under commands u (K, 2) [m/s, rad/s]."""
+    """Simulates the differential drive under commands u (K, 2) [m/s, rad/s] of dt seconds each.
+
+    Returns the measured states (K+1, 3) [m, m, rad], from the true state x0 on. active: the effects that act.
+    integrator: EULER, MIDPOINT, ARC or SEMI_IMPLICIT.
+    """
     u = reals(u, 2)
     x0 = reals(x0)
     x = np.empty((len(u) + 1, 3))

@@ -80,11 +80,12 @@ class _Soak(ct.Structure):
 
 
 class Estimator:
-    """lib/ in float32 or float64.
+    """The estimator of the C library, in float32 or float64 (precision: 32 or 64).
 
     dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: none, ef,
     dz_cs, dz_ks, ct, sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
-    check: CHECK_REPORT goes on after a loss of positive definiteness, as the paper's recursion does.
+    n_inputs, lam, p0, delta, tau0, eps_sift: as in koopf_config. check: CHECK_REPORT continues after a loss of positive
+    definiteness, as the paper's recursion does.
     gate: replays learn through the gate, with its defaults.
     """
 
@@ -130,11 +131,11 @@ class Estimator:
         return P
 
     def reset_covariance(self, p0):
-        """Starts P again as p0 I and keeps Theta."""
+        """Resets P to p0 I and keeps Theta."""
         call("tk_estimator_reset_covariance", self._handle, ct.c_double(p0))
 
     def model(self):
-        """The bytes that koopf_model_load() or koopd_model_load() takes."""
+        """Returns the stored model as bytes, for koopf_model_load() or koopd_model_load()."""
         size = ct.c_size_t()
         call("tk_estimator_model", self._handle, None, ct.byref(size))
         buffer = ct.create_string_buffer(size.value)
@@ -142,7 +143,7 @@ class Estimator:
         return buffer.raw
 
     def lift(self, x):
-        """Psi(x), (K, N), of states x (K, n), lifted in this precision."""
+        """Lifts states x (K, n) in this precision; returns Psi(x), (K, N)."""
         x = reals(x, self.n)
         psi = np.empty((len(x), self.N))
         call("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
@@ -243,9 +244,9 @@ class Estimator:
 
 
 def lowpass(x, cutoff, rate, precision=64, usable=None):
-    """lib/'s low-pass of `cutoff` (Hz) over the columns of x (K, n), sampled at `rate` (Hz), from the past alone.
+    """Filters the columns of x (K, n), sampled at `rate` (Hz), by the C library's causal low-pass of `cutoff` (Hz).
 
-    Begins again after transitions that are not usable (K - 1).
+    The filter restarts after each transition that is not usable (K - 1).
     """
     x = reals(x)
     if x.ndim != 2:
@@ -260,7 +261,10 @@ def lowpass(x, cutoff, rate, precision=64, usable=None):
 
 
 def threshold(scores, eta=0.75):
-    """Dead-zone threshold calibrated on innovations of a source run: their eta-quantile (paper, remark)."""
+    """Dead-zone threshold delta from the norms of calibration innovations: their eta-quantile.
+
+    Paper, remark "Dead-Zone Threshold Selection".
+    """
     scores = np.array(scores, dtype=np.float64)
     delta = ct.c_double()
     call("tk_threshold", doubles(scores), ct.c_size_t(len(scores)), ct.c_double(eta), ct.byref(delta))

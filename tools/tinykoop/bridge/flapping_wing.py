@@ -30,10 +30,10 @@ _FWMAV_STATES, _FWMAV_HZ = 21, 100
 
 
 def fwmav(manoeuvre, seconds, seed, active=(), noise=1.0):
-    """A flight of the flapping-wing vehicle: hover, pitch (u: dihedral) or yaw (u: wing twist), 100 Hz.
+    """Simulates a flight of the flapping-wing vehicle at 100 Hz: hover, pitch (u: dihedral) or yaw (u: wing twist).
 
-    noise: factor of turbulence, IMU noise and bias. Returns the log as the flight controller writes it, and
-    the true states (K, 21), see FWMAV_STATE.
+    seed: of the noise. active: the effects that act. noise: factor of turbulence, IMU noise and bias. Returns the Log that
+    the flight controller writes, and the true states (K, 21); FWMAV_STATE names them.
     """
     if not 0.03 <= seconds <= 300:
         raise UserError(f"a flight of {seconds} s cannot be flown: the shortest log is 0.03 s, the battery lasts 300 s")

@@ -13,7 +13,10 @@ from .library import call, doubles, ints, raw, reals
 
 @dataclass
 class Log:
-    """A log as the contract has it. usable[k]: transition k -> k + 1 is neither masked nor across a gap."""
+    """A log: times (s), states and commands (SI units), and the step of time.
+
+    usable[k] is true if the transition from row k to row k + 1 is neither masked nor across a gap.
+    """
 
     t: np.ndarray  # (K,) s
     x: np.ndarray  # (K, n)
@@ -23,7 +26,10 @@ class Log:
 
 
 def read_log(path, platform="ddr"):
-    """Reads a CSV log; a bad one is refused with file, line and column."""
+    """Reads a CSV log (docs/logs.md) of a platform, ddr or fwmav; returns a Log.
+
+    Raises UserError with file, line and column if the file is bad.
+    """
     handle = ct.c_void_p()
     call("tk_log_read", os.fsencode(path), platform.encode(), ct.byref(handle))
     try:
@@ -38,7 +44,7 @@ def read_log(path, platform="ddr"):
 
 
 def write_log(path, x, u, dt, platform="ddr"):
-    """Writes states x (K, n) and inputs u (K, m), t = k dt."""
+    """Writes a CSV log of states x (K, n) and commands u (K, m), SI units, at the times k dt (s)."""
     sweep(path)
     n, m = platforms.sizes(platform)
     x, u = reals(x, n), reals(u, m)

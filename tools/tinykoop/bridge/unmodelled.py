@@ -22,7 +22,7 @@ class _Active(ct.Structure):
 
 @dataclass(frozen=True)
 class Effect:
-    """An unmodelled effect acting on [t0, t1), s from the first row."""
+    """An unmodelled effect that acts from t0 to t1 (s from the first row). `tinykoop effects` lists names and parameters."""
 
     name: str
     parameters: tuple
@@ -31,7 +31,10 @@ class Effect:
 
 
 def effects(platform="ddr"):
-    """{name: (block, ((parameter, unit, low, high, usual), ..))} of every effect, in the order of action."""
+    """Returns all effects of a platform in the order in which they act.
+
+    {name: (block, ((parameter, unit, low, high, usual), ..))}; the block is actuator, plant or sensor.
+    """
     platforms.check(platform)
     return dict(_effects(platform))
 
@@ -56,7 +59,7 @@ def _effects(platform):
 
 
 def usual_effect(name, t0=0.0, t1=float("inf"), platform="ddr"):
-    """The effect with its usual parameters."""
+    """Returns the effect of this name with its usual parameters."""
     return Effect(name, tuple(row[4] for row in effects(platform)[name][1]), t0, t1)
 
 

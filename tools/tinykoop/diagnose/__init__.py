@@ -25,8 +25,11 @@ def platform(robot):
 def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mcap=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
 
-    mcap: also what was measured and predicted, into this file. robot: a platform, or the TOML file of one's own; without it the columns tell the platform. sim: with a TOML file, a run of the
-    simulator under the log's commands.
+    robot: a platform, or the TOML file of one's own; without it the columns tell the platform. fresh: another log of the robot, to
+    validate the result on. without: names of effects that the robot cannot have. healthy: logs of the healthy or earlier robot. sim:
+    with a TOML file, a run of the simulator under the log's commands. mcap: also what was measured
+    and predicted, into this file. Returns an object whose `report` is what report.json holds.
+    Raises UserError if an input is bad.
     """
     if sim and not (robot and is_own(robot)):
         raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")

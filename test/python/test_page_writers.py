@@ -40,7 +40,8 @@ def bench_rows():
     tasks = [f"rls_update_{p}{s}{v}" for p in ("f32", "f64") for s in ("", "_O2") for v in ("", "_sqrt", "_checked")]
     rows = [timed(task, 200.0, 250.0) for task in tasks] + [timed("rls_update_f32_numpy", 200.0, 9248.0, "NumPy")]
     rows += [timed(f"replay_f32_N20_{r}{s}", 400.0, 400.0) for r in ("none", *scenario.REGULATORS) for s in ("", "_sqrt")]
-    rows += [timed(f"qp_{mode}_1e-6_f64{o}", 50.0, peer, name) for mode in ("cold", "warm") for o in ("", "_O3") for name, peer in (("DAQP, tolerance 1", 200.0), ("PIQP", 900.0))]
+    rows += [timed(f"qp_{mode}_1e-6_f64{o}", 50.0, peer, name) for mode in ("cold", "warm") for o in ("", "_O3") for name, peer in (("DAQP, tolerance 1", 200.0), ("CVXPY, dense", 900.0))]
+    rows += [timed("qp_cold_1e-6_f64", 50.0, 800.0, "PIQP"), timed("qp_warm_1e-6_f64", 50.0, 800.0, "PIQP, no warm start")]
     return rows
 
 
@@ -51,6 +52,7 @@ def test_bench_writes_times_ratios_and_the_headline(written):
     assert update["NumPy"] == ["9,248", "-", "-", "-"]
     solve = cells(written["bench-solve"])
     assert solve["TinyKoop -O2"] == ["50", "50", "-", "-"] and solve["DAQP"] == ["200", "200", "-", "-"]
+    assert solve["CVXPY, dense"] == ["900", "900", "-", "-"] and solve["PIQP"] == ["800", "-", "-", "-"]
     assert solve["TinyKoop -O2 / nearest peer, median of pairs"] == ["0.25", "0.25", "-", "-"]
     assert cells(written["bench-replay"])["vanilla"] == ["2.34", "2.34"]
     assert written["eigen"] == "0.80"
@@ -127,6 +129,7 @@ def replayed(gate_error=0.2, refuse=0.1):
 def test_real_logs_fill_three_tables():
     lines = cells(real.replay_page(replayed()))
     assert lines["Poly"] == ["0.1", "1", "1", "-", "0"] and lines["state stays"] == ["0.3", "-", "-", "-", "-"]
+    assert cells(real.float32_page([replayed()])) == {"`gravel`": ["900", "1", "0", "0", "1.000"]}
     gate = cells(real.gate_page([replayed(0.2), replayed(0.1, 0.3)]))
     assert gate["samples called refuse, median (%)"] == ["20"] and gate["at most 1.1 times as large, of these"] == ["1"]
     gap = real.gap_page([{"log": "a", "verdict": "unknown", "fit": ["speed_lag"], "gap": {"before": {"50": 1.3}, "closed_fraction": {"50": 0.74}}}])

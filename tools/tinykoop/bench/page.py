@@ -9,6 +9,8 @@ COLUMNS = {"float32 -O2": ("f32", "_O2"), "float32 -O3 native": ("f32", ""), "fl
 SOLVES = {"recovery cold": ("cold", ""), "recovery warm": ("warm", ""), "tracking cold": ("cold", ", tracking"), "tracking warm": ("warm", ", tracking")}
 OURS = {"TinyKoop -O2": "", "TinyKoop -O3 native": "_O3", "TinyKoop -O2, without a matrix": ", gradient"}
 
+COLD_ONLY = "no warm start"
+
 
 def _cell(row, key, digits=None):
     """A figure of a row, or a dash where there is no row; times as whole numbers with separators."""
@@ -46,14 +48,20 @@ def replay_table(rows):
     return pages.table("Replay of a log from lift to update, float32 -O2, one core: million samples per second", ["regulator", *columns], lines)
 
 
+def _peer(row):
+    """Who it is, without settings; CVXPY comes in two forms."""
+    parts = row["peer_name"].split(", ")
+    return ", ".join(parts[:2] if parts[0] == "CVXPY" else parts[:1])
+
+
 def solve_table(rows):
     """us of one solve by everyone, and the largest share of the nearest peer's time."""
     wanted = {name: f"qp_{mode}_1e-6_f64{{}}{kind}" for name, (mode, kind) in SOLVES.items()}
-    found = {name: [r for r in rows if r["task"] == task.format("")] for name, task in wanted.items()}
-    labels = dict.fromkeys(r["peer_name"].partition(",")[0] for some in found.values() for r in some)
+    found = {name: [r for r in rows if r["task"] == task.format("") and not r["peer_name"].endswith(COLD_ONLY)] for name, task in wanted.items()}
+    labels = dict.fromkeys(_peer(r) for some in found.values() for r in some)
     lines = [[label, *(_cell(_ours(rows, task, suffix), "ours") for task in wanted.values())] for label, suffix in OURS.items()]
     for label in labels:
-        lines.append([label, *(_cell(next((r for r in some if r["peer_name"].partition(",")[0] == label), None), "peer") for some in found.values())])
+        lines.append([label, *(_cell(next((r for r in some if _peer(r) == label), None), "peer") for some in found.values())])
     nearest = [min(some, key=lambda r: r["ratio"]) if some else None for some in found.values()]
     lines.append(["TinyKoop -O2 / nearest peer, median of pairs", *("-" if r is None else number(1 / r["ratio"], 2) for r in nearest)])
     return pages.table("One solve, float64, u within 1e-6 on every step: median us", ["", *SOLVES], lines)

@@ -55,6 +55,26 @@ def replay_page(rows):
     return pages.table(f"Replay of `{rows[0]['source']}`, {steps:,} steps scored: mean one-step error", headers, lines)
 
 
+def _float32(rows):
+    """(methods in all, those whose error grows in plain float32, those whose P is lost there, largest growth in square-root form)."""
+    methods = [variants for _, variants in replay.by_method(rows) if ("plain", 32, False) in variants]
+    reference, plain, root = ([v[key] for v in methods] for key in (("sqrt", 64, False), ("plain", 32, False), ("sqrt", 32, False)))
+    grown = sum(not p["mean_error"] <= replay.DIVERGED * r["mean_error"] for p, r in zip(plain, reference))
+    lost = sum(p["lost_positive_definite_at"] is not None for p in plain)
+    return len(methods), grown, lost, max(q["mean_error"] / r["mean_error"] for q, r in zip(root, reference))
+
+
+def float32_page(replays):
+    """The table of docs/learning.md: what float32 does on every log."""
+    lines = []
+    for rows in replays:
+        methods, grown, lost, worst = _float32(rows)
+        steps = next(row["steps"] for row in rows if "steps" in row)
+        lines.append([f"`{rows[0]['source']}`", f"{steps:,}", methods, grown, lost, f"{worst:.3f}"])
+    headers = ["log", "steps scored", "methods", f"plain: error over {replay.DIVERGED} times as large", "plain: P lost", "square root: error, max ratio"]
+    return pages.table("`make real`: float32 against float64", headers, lines)
+
+
 def gate_page(replays):
     """The table of docs/assurance.md: the gate on all logs."""
     trust = [row["trust"] for rows in replays for row in rows if row.get("trust")]
@@ -88,12 +108,8 @@ def run(out, data, update=False):
     rows = [diagnosed(path, out) for path in found if platforms.of_log(path) == "ddr"]
     write_json(out / "real.json", rows)
     if update:
-        pages.update("docs/learning.md", "replay", "\n".join(map(replay_page, _longest(replays))))
+        worst = max(replays, key=lambda rows: _float32(rows)[1])
+        pages.update("docs/learning.md", "replay", float32_page(replays) + "\n" + replay_page(worst))
         pages.update("docs/assurance.md", "gate", gate_page(replays))
         pages.update("docs/diagnose.md", "real", gap_page(rows))
     return replays, rows
-
-
-def _longest(replays):
-    """The replay that a page shows."""
-    return [max(replays, key=lambda rows: next(row["steps"] for row in rows if "steps" in row))]

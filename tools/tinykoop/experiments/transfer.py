@@ -209,7 +209,7 @@ def page(flights, rows):
         four, narrow = chosen(rows, method), chosen(rows, method, "f32")
         norms = [row["final_P_fro"] for row in four if row["final_P_fro"] is not None]
         apart = max(abs(b["mean_error"] / a["mean_error"] - 1) for a, b in zip(four, narrow))
-        largest = number(max(norms), 2) if norms else "-"
+        largest = number(max(norms)) if norms else "-"
         lines.append([method.label, *[number(row["mean_error"]) for row in four], largest, number(apart, 1)])
     headers = ["method", *names, "largest final |P|", "float32, relative"]
     return pages.table(f"Mean one-step error, {flights} flights, threshold {DELTA:g}", headers, lines)

@@ -44,7 +44,7 @@ def page(cells, changed):
     """The tables of docs/control.md: runs of Poly that are lost, and those of vanilla Poly with something changed."""
     poly = [(name, row) for name, wanted in SHOWN.items() for row in cells if row["dictionary"] == "poly" and wanted.items() <= row.items()]
     lost = [[f"{name}: {scenario.LABELS[row['regulator']]}", *_counted(row)] for name, row in poly]
-    ends = [[row["changed"].replace("$", ""), *_counted(row)] for row in changed]
+    ends = [[row["changed"].translate({ord("$"): "", ord("\\"): ""}), *_counted(row)] for row in changed]
     headers = ["runs", "lost", "95 % from", "to (%)"]
     first = pages.table("Poly under control, from starts a centimetre apart", ["setting: regulator", *headers], lost)
     return first + "\n" + pages.table("Vanilla Poly with something changed, from the same starts", ["changed", *headers], ends)

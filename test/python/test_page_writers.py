@@ -11,6 +11,7 @@ from tinykoop.experiments import guard, real, scenario, transfer
 from tinykoop.experiments.study import tables as study
 from tinykoop.experiments.study.closed_loop import SIGMA
 from tinykoop.plumbing import pages
+from tinykoop.plumbing.errors import UserError
 
 NUMBER = re.compile(r"\d[\d.,]*(?:e-?\d+)?")
 
@@ -89,9 +90,15 @@ def test_blind_flights_are_counted_by_tier(written):
 
 
 def test_blind_robots_have_a_table_each(written):
-    rows = [{"tier": "single", "errors": [0.02], "seconds": 12.0, "right": True, "sure_wrong": False}]
+    rows = [{"tier": "single", "errors": [0.02], "seconds": 12.0, "right": True, "sure_wrong": False, "error": None}]
     blind.robot(SimpleNamespace(NAME="car"), rows, {"none": "none: healthy", "single": "one"}, 1, 7)
     assert cells(written["blind-car"])["one"] == ["1", "1", "0", "2", "12"]
+
+
+def test_a_campaign_in_which_every_diagnosis_failed_is_not_written(written):
+    with pytest.raises(UserError, match="every diagnosis failed, the first with no library"):
+        blind.robot(SimpleNamespace(NAME="car"), [{"tier": "single", "error": "no library"}], {"single": "one"}, 1, 7)
+    assert not written
 
 
 def test_guard_counts_runs_that_are_lost():

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..plumbing import pages
+from ..plumbing.errors import UserError
 from ..plumbing.results import number
 from . import score, tiers
 
@@ -110,6 +111,8 @@ def flights(rows, n, seed):
 
 def robot(plant, rows, words, n, seed):
     """Writes the table of docs/own-robot.md of one robot; words: {tier: what it is called}."""
+    if all(row["error"] for row in rows):
+        raise UserError(f"docs/own-robot.md stays as it is: every diagnosis failed, the first with {rows[0]['error']}")
     lines = []
     for tier, name in words.items():
         some = [row for row in rows if row["tier"] == tier]

@@ -1,5 +1,6 @@
 # The front door: a thin layer over CMake and the Python tools. `make` lists the targets.
-# All results go to build/out/. FORMAT=svg,pdf,npz writes plots in these formats, too; npz holds the traces that a plot shows.
+# All results go to build/out/. UPDATE=1 writes the figures into README and docs/, too.
+# FORMAT=svg,pdf,npz writes plots in these formats, too; npz holds the traces that a plot shows.
 
 PYTHON ?= python3
 BUILD := build
@@ -8,12 +9,13 @@ TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell nproc 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
+UPDATED := $(if $(UPDATE),--update)
 
 # $(call install,ENVIRONMENT,FILES): the packages of requirements files; one line says it where there is no network.
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
+.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -51,8 +53,8 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too; UPDATE=1: the README's pictures)
-	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)") $(if $(UPDATE),--update)
+demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too)
+	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)") $(UPDATED)
 
 test: build c-tests $(VENV)/test-ready ## every test that needs no cross toolchain
 	@ctest --test-dir $(BUILD)/test --output-on-failure -j $(JOBS)
@@ -62,23 +64,27 @@ c-tests: system
 	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/test -j $(JOBS)
 
-learn: build ## DDR one-step learning, the paper's table (UPDATE=1: into docs/paper.md, too): learn.json
-	@$(TINYKOOP) learn $(if $(UPDATE),--update)
+learn: build ## DDR one-step learning, the paper's table: learn.json
+	@$(TINYKOOP) learn $(UPDATED)
 
-control: build ## DDR Koopman-MPC tracking, the paper's table (UPDATE=1: into docs/control.md, too): control.json
-	@$(TINYKOOP) control $(if $(UPDATE),--update)
+control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
+	@$(TINYKOOP) control $(UPDATED)
 
 transfer: build ## flapping wing across flight regimes, the paper's table (DATA=dir of own flights, pitch*.csv and yaw*.csv): transfer.json
-	@$(TINYKOOP) transfer $(if $(DATA),--data "$(DATA)")
+	@$(TINYKOOP) transfer $(if $(DATA),--data "$(DATA)") $(UPDATED)
 
-ledger: build ## the paper's claims, our figures and verdicts, after learn, control, ablate, windup and transfer (UPDATE=1: into docs/paper.md): ledger.json
-	@$(TINYKOOP) ledger $(if $(UPDATE),--update)
+real: build ## real logs replayed and, of drives, diagnosed (DATA="logs or folders of logs"): real.json
+	@test -n "$(DATA)" || { echo "Which logs? make real DATA=folder" >&2; exit 2; }
+	@$(TINYKOOP) real --data $(DATA) $(UPDATED)
+
+ledger: build ## the paper's claims, our figures and verdicts, after learn, control, ablate, windup and transfer: ledger.json
+	@$(TINYKOOP) ledger $(UPDATED)
 
 ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
 	@$(TINYKOOP) ablate
 
-windup: build ## float32 against float64 for every dictionary, regulator and form (UPDATE=1: into docs/learning.md, too): windup.json
-	@$(TINYKOOP) windup $(if $(UPDATE),--update)
+windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
+	@$(TINYKOOP) windup $(UPDATED)
 
 diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr, fwmav or your own bot.toml): diagnose/report.json, report.html
 	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [ROBOT=fwmav]" >&2; exit 2; }
@@ -103,48 +109,48 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 	@touch $@
 
 blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
-	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)")
+	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
 study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
-	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)")
+	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)") $(UPDATED)
 
 guard: build ## 200 random closed-loop runs, guarded against unguarded: guard.json
-	@$(TINYKOOP) guard
+	@$(TINYKOOP) guard $(UPDATED)
 
 bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..: bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/bench -j $(JOBS)
-	@$(TINYKOOP) bench
+	@$(TINYKOOP) bench $(UPDATED)
 
-targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts (UPDATE=1 takes them over): footprint.json
-	@$(TINYKOOP) targets $(if $(UPDATE),--update)
+targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts: footprint.json
+	@$(TINYKOOP) targets $(UPDATED)
 
 coverage: $(VENV)/ready ## lines, branches and MC/DC of lib/ that the C tests reach: coverage.json
-	@$(TINYKOOP) coverage
+	@$(TINYKOOP) coverage $(UPDATED)
 
 mutants: $(VENV)/ready ## small faults put into lib/: how many the C tests find (N=, SEED=, or all of FILE=lib/src/mpc.c): mutants.json
-	@$(TINYKOOP) mutants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(FILE),--file "$(FILE)")
+	@$(TINYKOOP) mutants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(FILE),--file "$(FILE)") $(UPDATED)
 
 fuzz: $(VENV)/ready ## libFuzzer on the CSV reader, every public call, sequences of calls (SECONDS= each): fuzz.json
-	@$(TINYKOOP) fuzz $(if $(SECONDS),--seconds "$(SECONDS)")
+	@$(TINYKOOP) fuzz $(if $(SECONDS),--seconds "$(SECONDS)") $(UPDATED)
 
 static: $(VENV)/test-ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/: static.json
-	@$(TINYKOOP) static
+	@$(TINYKOOP) static $(UPDATED)
 
 soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDATES= in all): soak.json
-	@$(TINYKOOP) soak $(if $(UPDATES),--updates "$(UPDATES)")
+	@$(TINYKOOP) soak $(if $(UPDATES),--updates "$(UPDATES)") $(UPDATED)
 
 flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, guard and controller (TRIALS= in all, SEED=): flips.json
-	@$(TINYKOOP) flips $(if $(TRIALS),--trials "$(TRIALS)") $(if $(SEED),--seed "$(SEED)")
+	@$(TINYKOOP) flips $(if $(TRIALS),--trials "$(TRIALS)") $(if $(SEED),--seed "$(SEED)") $(UPDATED)
 
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
-	@$(TINYKOOP) determinism
+	@$(TINYKOOP) determinism $(UPDATED)
 
 flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER=, SET= only one): flags.json
 	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)") $(if $(SET),--set "$(SET)")
 
 sanitize: build c-tests $(VENV)/test-ready ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
-	@$(TINYKOOP) sanitize
+	@$(TINYKOOP) sanitize $(UPDATED)
 
 amalgamate: system ## the drop-in pair tinykoop.c, tinykoop.h (PREFIX=my_ goes before every name) and an Arduino library: amalgamated/
 	@$(PYTHON) tools/amalgamate.py --out $(BUILD)/out/amalgamated $(if $(PREFIX),--prefix "$(PREFIX)")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from tinykoop import bridge
 from tinykoop.logs import changes, replay
+from tinykoop.plumbing import pages
 from tinykoop.plumbing.errors import UserError
 
 FLIGHTS = Path(__file__).resolve().parents[3] / "shared/data/flapper"
@@ -188,8 +189,10 @@ def test_bad_input_is_one_line(tmp_path):
 # ---- rates, for the docs -------------------------------------------------------------------------
 
 
-def rates(count):
+def rates(count, update):
     """Prints the share of flights with a false alarm, and of changes that are found, with the error of their time."""
+
+    lines = []
 
     def show(what, found, truth):
         errors = [min((c["time"] - t for c in answer), key=abs, default=np.inf) for answer, t in zip(found, truth)]
@@ -197,10 +200,12 @@ def rates(count):
         false = sum(abs(c["time"] - t) > 1 for answer, t in zip(found, truth) for c in answer)
         spread = f"{np.median(near):+.2f} s, 90 % within {np.quantile(np.abs(near), 0.9):.2f} s" if near else "-"
         print(f"{what:<40} found {100 * len(near) / count:4.0f} %, time {spread}, elsewhere {false}", flush=True)
+        lines.append([what, f"{100 * len(near) / count:.0f}", f"{np.quantile(np.abs(near), 0.9):.2f}" if near else "-", false])
 
     random = np.random.default_rng(10)
     nominal = [flight(MANOEUVRES[i % 3], 40_000 + i) for i in range(3 * count)]
-    print(f"nominal flights with a false alarm: {sum(bool(look(log)) for log in nominal)} of {len(nominal)}")
+    false_alarms = sum(bool(look(log)) for log in nominal)
+    print(f"nominal flights with a false alarm: {false_alarms} of {len(nominal)}")
     for speed in (0.5, 0.75, 1.0, 1.5, 2.0):
         times, angles = random.uniform(6, 34, count), random.uniform(0, 2 * np.pi, count)
         gusts = [bridge.Effect("gust", (speed * np.cos(a), speed * np.sin(a)), t) for t, a in zip(times, angles)]
@@ -216,7 +221,11 @@ def rates(count):
         times = random.uniform(6, 34, count)
         effect = functools.partial(bridge.Effect, name, (size,) * len(bridge.effects("fwmav")[name][1]))
         show(f"{name} {size}", [look(flight(MANOEUVRES[i % 3], 60_000 + i, [effect(t)])) for i, t in enumerate(times)], times)
+    headers = ["change", "found (%)", "90 % within (s)", "alarms elsewhere"]
+    table = pages.table(f"{count} flights of each; {false_alarms} of {len(nominal)} nominal flights have a false alarm", headers, lines)
+    if update:
+        pages.update("docs/flapping-wing.md", "changes", table)
 
 
 if __name__ == "__main__":
-    rates(int(sys.argv[1]))
+    rates(int(sys.argv[1]), "--update" in sys.argv)

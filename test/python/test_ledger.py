@@ -52,6 +52,31 @@ def test_float32_does_not_count(tmp_path):
     assert found.errors("learn", "rbf") == {"offline": 1.0}
 
 
+def flights(source, **errors):
+    """Rows of transfer.json with RBF, all four directions alike."""
+    directions = ("P->P", "Y->Y", "P->Y", "Y->P")
+    return [row | {"source": source, "direction": d, "calibrated": False} for d in directions for row in rows("transfer", **errors)]
+
+
+def test_real_flights_are_told_and_simulated_ones_decide(tmp_path):
+    found = results(tmp_path, transfer=flights("synthetic", offline=1.0, ef=2.0) + flights("mine", offline=2.0, ef=1.0))
+    said, verdict = ledger._within_regime(found)
+    assert verdict == ledger.HOLDS
+    assert said == "P->P rank 1 of 2, Y->Y rank 1 of 2 (simulated flights); P->P rank 2 of 2, Y->Y rank 2 of 2 (real flights)"
+
+
+@pytest.mark.parametrize("gain, norm, verdict", [(0.03, 1.0, ledger.HOLDS), (1.01, 0.9, ledger.CONTRADICTED), (0.1, 1.2, ledger.CONTRADICTED)])
+def test_the_bounds_of_constant_trace_are_tried_on_every_run(tmp_path, gain, norm, verdict):
+    runs = [{"study": "ct", "gain_over_bound": g, "norm_over_trace": n} for g, n in ((0.001, 0.5), (gain, norm))]
+    assert ledger._trace_bounds(results(tmp_path, ablate=runs))[1] == verdict
+
+
+@pytest.mark.parametrize("error, share, verdict", [(70.0, 0.98, ledger.HOLDS), (70.0, 0.1, ledger.CONTRADICTED), (0.05, 0.98, ledger.OPEN)])
+def test_only_runs_that_fail_tell_of_the_lower_bound(tmp_path, error, share, verdict):
+    run = {"dictionary": "poly", "regulator": "dz_ks", "precision": "f64", "mean_error": error, "at_bounds": {"v_min": share}}
+    assert ledger._lower_bound(results(tmp_path, control=[run]))[1] == verdict
+
+
 def test_a_missing_experiment_is_named_with_its_command(tmp_path):
     with pytest.raises(UserError, match=re.escape("learn.json: cannot be read; run `make learn` first")):
         ledger.Results(tmp_path).rows("learn")

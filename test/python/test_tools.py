@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop import bridge, cli
-from tinykoop.experiments import control, learn, scenario, windup
+from tinykoop.experiments import ablate, control, learn, scenario, windup
 from tinykoop.logs import fit
 from tinykoop.plumbing import results
 from tinykoop.plumbing.errors import UserError
@@ -56,7 +56,7 @@ def test_learn_json(learned):
     rows = strict_json(learned / "learn.json")
     keys = {
         "dictionary", "regulator", "precision", "steps", "mean_error", "final_P_fro", "final_A_fro", "skip_rate",
-        "lost_positive_definite_at", "non_finite_at", "rollout_error",
+        "lost_positive_definite_at", "non_finite_at", "rollout_error", "update_us",
     }  # fmt: skip
     assert len(rows) == 22
     assert all(set(row) == keys and set(row["rollout_error"]) == {"1", "10", "50"} for row in rows)
@@ -99,6 +99,28 @@ def test_control_bands(controlled, regulator):
     assert abs(narrow["mean_error"] / row["mean_error"] - 1) < 0.05
     assert row["kkt_residual_max"] < 1e-8
     assert set(row["solve_us"]) == {"median", "p95", "max"}
+
+
+def test_inputs_at_a_bound_are_counted_by_bound():
+    u = np.array([[0.0, 0.3], [3.5, 1.2], [1.0, -1.2], [1.0, 0.0]])
+    assert control.at_bounds(u) == {"v_min": 0.25, "v_max": 0.25, "omega_min": 0.25, "omega_max": 0.25, "any": 0.75}
+
+
+def test_the_gain_under_constant_trace_is_that_of_the_change_of_theta():
+    """Theta changes by K times the error of the prediction: the gain's norm follows from Theta alone."""
+    x, u = scenario.drive(60)
+    tau0 = 9 * scenario.P0
+    estimator, trace = scenario.run(scenario.Method("poly", "ct"), 64, x, u, every=1, tau0=tau0)
+    psi = estimator.lift(x)
+    zeta = np.concatenate([psi[:-1], u], axis=1)
+    ratios = []
+    for k in range(1, 59):
+        error = psi[k + 1] - trace["theta"][k] @ zeta[k]
+        change = trace["theta"][k + 1] - trace["theta"][k]
+        ratios.append(np.linalg.norm(change) / np.linalg.norm(error) * 0.98 / (tau0 * np.linalg.norm(zeta[k])))
+    measured = ablate.constant_trace(estimator, trace, x, u, 0.98, tau0)
+    assert math.isclose(measured["gain_over_bound"], max(ratios), rel_tol=1e-6)
+    assert 0 < measured["norm_over_trace"] <= 1
 
 
 def test_vanilla_rbf_fails_to_control(controlled):

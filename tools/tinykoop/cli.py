@@ -15,7 +15,10 @@ from .plumbing.results import printable
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
 INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
-TABLE = "also write the table into docs/"
+TABLES = (  # commands that write what they measured into the docs
+    "learn", "control", "ledger", "transfer", "windup", "study", "guard", "real", "bench", "blind", "coverage", "mutants", "fuzz", "static", "soak",
+    "flips", "determinism", "sanitize",
+)  # fmt: skip
 
 # What a shell says of a program that SIGPIPE ends, as `| head` ends those in C. Python ignores the signal: it would end
 # the process in the middle of a write, or where a worker's pipe is gone.
@@ -96,14 +99,15 @@ def _paper(add):
     demo = add("demo", "learning, control, ablations, precision study and one gap diagnosis: about a minute")
     demo.add_argument("--log", help="replay this log as well")
     demo.add_argument("--update", action="store_true", help="also update the pictures of the README")
-    for name, what in (("learn", "one-step learning"), ("control", "Koopman-MPC tracking")):
-        add(name, f"{what} of the DDR, the paper's table").add_argument("--update", action="store_true", help=TABLE)
-    add("ledger", "the paper's claims, each with our figure and a verdict").add_argument("--update", action="store_true", help=TABLE)
+    add("learn", "one-step learning of the DDR, the paper's table")
+    add("control", "Koopman-MPC tracking of the DDR, the paper's table")
+    add("ledger", "the paper's claims, each with our figure and a verdict")
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
     transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
+    real = add("real", "real logs replayed and, of drives, diagnosed: the figures of the docs on real robots")
+    real.add_argument("--data", type=Path, nargs="+", required=True, help="logs, or folders of logs")
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
-    windup = add("windup", "float32 against float64 for every dictionary, regulator and form")
-    windup.add_argument("--update", action="store_true", help=TABLE)
+    add("windup", "float32 against float64 for every dictionary, regulator and form")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
     study.add_argument("--runs", type=int, help="runs of each setting (default 10: about four minutes)")
     add("guard", "random closed-loop runs, guarded against unguarded")
@@ -169,6 +173,8 @@ def parser():
         command = commands.add_parser(name, description=summary)
         if out:
             command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
+        if name in TABLES:
+            command.add_argument("--update", action="store_true", help="also write the figures into README and docs/")
         return command
 
     for group, fill in GROUPS.items():
@@ -213,11 +219,15 @@ def dispatch(a):
     elif a.command == "transfer":
         from .experiments import transfer
 
-        transfer.run(a.out, a.data)
+        transfer.run(a.out, a.data, a.update)
+    elif a.command == "real":
+        from .experiments import real
+
+        real.run(a.out, a.data, a.update)
     elif a.command == "study":
         from .experiments import study
 
-        study.run(a.out, study.RUNS if a.runs is None else a.runs)
+        study.run(a.out, study.RUNS if a.runs is None else a.runs, a.update)
     elif a.command == "diagnose":
         from . import diagnose
         from .diagnose import several
@@ -253,14 +263,14 @@ def dispatch(a):
         if a.robot:
             if a.robot not in own.ROBOTS:
                 raise UserError(f"--robot {a.robot}: no plant of its own; there are {', '.join(own.ROBOTS)}")
-            campaign.run(a.out, a.robot, a.n, a.seed, a.cluster, a.jobs)
+            campaign.run(a.out, a.robot, a.n, a.seed, a.cluster, a.jobs, update=a.update)
             return
         if a.inject:
             if a.platform != "fwmav":
                 raise UserError("--inject: only for flights of the flapping wing; add --platform fwmav")
             injected.run(a.out, a.inject, a.jobs)
             return
-        (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs)
+        (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
     elif a.command == "size":
         from .firmware import size
 
@@ -272,11 +282,11 @@ def dispatch(a):
     elif a.command == "bench":
         from . import bench
 
-        bench.run(a.out, ROOT / "build/bench")
+        bench.run(a.out, ROOT / "build/bench", a.update)
     elif a.command == "fuzz":
         from .assure import fuzz
 
-        fuzz.run(a.out, a.seconds)
+        fuzz.run(a.out, a.seconds, a.update)
     elif a.command == "flags":
         from .assure import flags
 
@@ -284,15 +294,15 @@ def dispatch(a):
     elif a.command == "mutants":
         from .assure import mutants
 
-        mutants.run(a.out, a.n, a.seed, a.file)
+        mutants.run(a.out, a.n, a.seed, a.file, a.update)
     elif a.command == "soak":
         from .assure import soak
 
-        soak.run(a.out, a.updates)
+        soak.run(a.out, a.updates, update=a.update)
     elif a.command == "flips":
         from .assure import flips
 
-        flips.run(a.out, a.trials, a.seed)
+        flips.run(a.out, a.trials, a.seed, update=a.update)
     else:
         from importlib import import_module
 

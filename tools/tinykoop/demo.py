@@ -1,6 +1,5 @@
 """The main job from end to end."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,8 @@ from .diagnose.platforms.ddr import Teller
 from .diagnose.report.html import picture
 from .experiments import ablate, control, learn, windup
 from .logs import replay
-from .plumbing.pages import ROOT
+from .plumbing import pages
 from .plumbing.results import console, output_folder, write_bytes
-
-DOCS = ROOT / "docs"
 
 
 def gap(out):
@@ -43,8 +40,8 @@ def run(out, log=None, update=False):
     windup.run(out)
     result = gap(out)
     if update:
-        shutil.copy(Path(out) / "windup_lanes.png", DOCS)
-        write_bytes(DOCS / "gap.svg", picture(Teller(result).story()))
+        pages.picture(Path(out) / "windup_lanes.png")
+        write_bytes(pages.ROOT / "docs/gap.svg", picture(Teller(result).story()))
     if log:
         replay.run_log(log, out)
     console.print(

@@ -13,6 +13,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -186,8 +187,15 @@ def report(files, total):
     print_table("Reached by the C tests", headers, rows, "Sums over koopf and koopd, each with vector registers and without.")
 
 
-def run(out):
-    """Writes coverage.json into `out`; raises where something is not reached and has no reason."""
+def page(figures):
+    """The table of docs/assurance.md from what coverage.json holds."""
+    names = {"lines": "lines", "branches": "branches", "mcdc": "conditions (MC/DC)"}
+    pairs = [(f"{words}, of {figures['counted'][kind]:,} (%)", number(figures[kind], 4)) for kind, words in names.items()]
+    return pages.facts("`make coverage`: reached by the C tests", [*pairs, ("branches out of reach, with reason", len(figures["never"]))])
+
+
+def run(out, update=False):
+    """Writes coverage.json into `out`, and with `update` the table of docs/assurance.md; raises where something is not reached and has no reason."""
     need_tools()
     out = output_folder(out)
     units = {}
@@ -200,10 +208,14 @@ def run(out):
     lines = failures(lacking, reasons, source)
     given = [{"place": f"lib/{file}:{line}", "reason": reason} for (file, line), reason in reasons.items()]
     figures = {kind: percent(total, kind) for kind in KINDS}
-    write_json(out / "coverage.json", {**figures, "counted": {kind: total[kind] for kind in KINDS}, "never": given, "missing": lines})
+    result = {**figures, "counted": {kind: total[kind] for kind in KINDS}, "never": given, "missing": lines}
+    write_json(out / "coverage.json", result)
     report(files, total)
     for row in given:
         print(f"{row['place']}: never: {row['reason']}")
     if lines:
         raise UserError("\n".join(lines))
+    if update:
+        pages.update("docs/assurance.md", "coverage", page(result))
+        pages.headline("mcdc", f"{number(figures['mcdc'], 4)} %")
     return figures

@@ -14,6 +14,7 @@ from functools import partial
 
 from ..firmware.targets import FOLDER as TARGETS
 from ..firmware.targets import ROOT, Tree, side_by_side
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -211,6 +212,16 @@ def summary(rows):
     return lines
 
 
+def page(rows):
+    """The table of docs/assurance.md: builds that may not differ."""
+    exact = [row for row in rows if not row["contracted"]]
+    pairs = [("builds with the same bits", len({row["build"] for row in exact}))]
+    for precision in PRECISIONS:
+        mine = [row for row in exact if row["precision"] == precision]
+        pairs += [(f"{precision}: parts", len(mine)), (f"{precision}: equal", sum(row["equal"] for row in mine))]
+    return pages.facts("`make determinism`", pairs)
+
+
 def report(rows, errors, missing):
     headers = ["", "float32 equal", "differ by", "float64 equal", "differ by"]
     note = "Parts with the bits of the first build; by how much the others differ, windup in the plain form left out."
@@ -223,8 +234,8 @@ def report(rows, errors, missing):
         print(f"Not compared: {what}. On Debian: sudo apt-get install {packages}")
 
 
-def run(out):
-    """Writes determinism.json and elementary.json into `out`; raises where what is promised does not hold."""
+def run(out, update=False):
+    """Writes determinism.json and elementary.json into `out`, and with `update` the table of docs/assurance.md; raises where what is promised does not hold."""
     need({"gcc": "gcc"})
     out = output_folder(out)
     missing = missing_here()
@@ -246,3 +257,5 @@ def run(out):
     ]
     if failures:
         raise UserError("\n".join(["what is promised equal is not:", *failures[:20]]))
+    if update:
+        pages.update("docs/assurance.md", "determinism", page(rows))

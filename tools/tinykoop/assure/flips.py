@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -96,11 +97,20 @@ def failures(rows):
 # ---- report -----------------------------------------------------------------------------------------
 
 
+HEADERS = ["use: where", "trials", "detected %", "harmless %", "silent %", "for ever", "unsafe"]
+
+
 def cells(rows):
     """Trials; shares that are detected, harmless and silent in percent; how many are refused for ever or unsafe."""
     trials = total(rows, "trials")
     shares = [f"{100 * total(rows, key) / trials:.2f}" for key in ("detected", "harmless", "silent")]
     return [f"{trials:,}", *shares, total(rows, "for_ever"), total(rows, "unsafe")]
+
+
+def page(rows, seed):
+    """The table of docs/assurance.md: all parts of the storage, by use."""
+    lines = [[USES[use], *cells([row for row in rows if row["configuration"] == use])] for use in USES]
+    return pages.table(f"`make flips TRIALS={total(rows, 'trials')} SEED={seed}`", HEADERS, lines)
 
 
 def report(rows):
@@ -113,7 +123,7 @@ def report(rows):
             lines.append([f"{name}: all", *cells(sum(some.values(), []))])
     print_table(
         f"One flipped bit: {total(rows, 'trials'):,} trials",
-        ["use: where", "trials", "detected %", "harmless %", "silent %", "for ever", "unsafe"],
+        HEADERS,
         lines,
         "detected: by a status, the health, the gate, the checksum or the guard within 100 samples.\n"
         "harmless: after these, the model predicts and the loop costs within 10 % of a twin without the flip.\n"
@@ -122,8 +132,8 @@ def report(rows):
     )
 
 
-def run(out, trials, seed, kinds=KINDS):
-    """Writes flips.json into `out`; returns the rows. Refuses where what must hold does not."""
+def run(out, trials, seed, kinds=KINDS, update=False):
+    """Writes flips.json into `out`, and with `update` the table of docs/assurance.md; returns the rows. Refuses where what must hold does not."""
     if not trials >= 1:
         raise UserError(f"--trials {trials:g}: at least 1 is needed")
     if not 0 <= seed < 2**32:
@@ -138,4 +148,6 @@ def run(out, trials, seed, kinds=KINDS):
     report(rows)
     if wrong := failures(rows):
         raise UserError(f"{len(wrong)} promises do not hold: {wrong[0]}")
+    if update:
+        pages.update("docs/assurance.md", "flips", page(rows, seed))
     return rows

@@ -11,6 +11,7 @@ import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -102,8 +103,14 @@ def fuzz(target, seconds):
     return {"target": target, "executions": executions(text), "findings": int(found is not None)}, found
 
 
-def run(out, seconds):
-    """Writes fuzz.json into `out`; raises where something was found."""
+def page(rows, seconds):
+    """The table of docs/assurance.md."""
+    pairs = [("targets", len(rows)), ("inputs", f"{sum(row['executions'] for row in rows):,}"), ("findings", sum(row["findings"] for row in rows))]
+    return pages.facts(f"`make fuzz SECONDS={seconds:g}`", pairs)
+
+
+def run(out, seconds, update=False):
+    """Writes fuzz.json into `out`, and with `update` the table of docs/assurance.md; raises where something was found."""
     if not seconds > 0:
         raise UserError(f"--seconds {seconds:g}: must be above 0")
     out = output_folder(out)
@@ -117,6 +124,8 @@ def run(out, seconds):
     print_table(f"Fuzzing, {seconds:g} s each", ["target", "executions", "findings"], [list(row.values()) for row in rows])
     if complaints:
         raise UserError("\n".join(complaints))
+    if update:
+        pages.update("docs/assurance.md", "fuzz", page(rows, seconds))
     return rows
 
 

@@ -12,6 +12,7 @@ from collections import Counter
 from functools import partial
 
 from ..firmware.targets import side_by_side
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, write_json
@@ -106,8 +107,15 @@ def choose(file, n):
     return known, chosen, len(chosen)
 
 
-def run(out, n, seed, file=None):
-    """Writes mutants.json into `out`; raises where the score is too low."""
+def page(total, seed):
+    """The table of docs/assurance.md."""
+    pairs = [("mutants drawn", total.total()), ("killed", total["killed"]), ("change nothing, with reason", total["equivalent"])]
+    pairs += [("survived", total["survived"]), ("killed, of those that change anything (%)", number(score(total)))]
+    return pages.facts(f"`make mutants N={total.total()} SEED={seed}`", pairs)
+
+
+def run(out, n, seed, file=None, update=False):
+    """Writes mutants.json into `out`, and with `update` the table of docs/assurance.md; raises where the score is too low."""
     need({"gcc": "gcc", "cmake": "cmake", "prlimit": "util-linux"})
     out = output_folder(out)
     known, chosen, n = choose(file, n)
@@ -127,4 +135,6 @@ def run(out, n, seed, file=None):
     if score(total) < MIN_SCORE:
         raise UserError("\n".join([f"{number(score(total))} % of the mutants are killed, less than {MIN_SCORE:g} %", *lines]))
     print("\n".join(lines))
+    if update:
+        pages.update("docs/assurance.md", "mutants", page(total, seed))
     return total

@@ -8,6 +8,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -115,7 +116,13 @@ CHECKS = {
 }
 
 
-def run(out):
+def page(rows):
+    """The table of docs/assurance.md."""
+    return pages.table("`make sanitize`", ["", "tests", "findings"], [[row["check"], f"{row['tests']:,}", len(row["findings"])] for row in rows])
+
+
+def run(out, update=False):
+    """Writes sanitize.json into `out`, and with `update` the table of docs/assurance.md; raises where something was found."""
     need(PROGRAMS)
     folder = output_folder(out)
     rows = []
@@ -130,3 +137,5 @@ def run(out):
     )
     if wrong := [f"{row['check']}: {line}" for row in rows for line in row["findings"]]:
         raise UserError("\n".join([f"{len(wrong)} findings", *wrong]))
+    if update:
+        pages.update("docs/assurance.md", "sanitize", page(rows))

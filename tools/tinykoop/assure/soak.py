@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 
-from ..plumbing import plots
+from ..plumbing import pages, plots
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -147,8 +147,20 @@ def _percent(share):
     return "all" if share == 1 else f"{min(100 * share, 99.9):.1f} %"
 
 
-def run(out, updates, kinds=KINDS):
-    """Writes soak.json and soak.png into `out`; returns the rows. Refuses where what must hold does not."""
+def page(rows):
+    """The table of docs/assurance.md: learners behind the gate, and the updates of all."""
+    gated = [row for row in rows if row["gate"]]
+    pairs = [
+        ("updates, behind the gate and bare", f"{total(rows, 'updates'):.1e}".replace("e+0", "e")),
+        ("faults behind the gate", f"{total(gated, 'episodes'):,}"),
+        ("recovered from", f"{total(gated, 'recovered'):,}"),
+        ("samples to recover, max", max(row["steps_to_recover"] for row in gated)),
+    ]
+    return pages.facts("`make soak`", pairs)
+
+
+def run(out, updates, kinds=KINDS, update=False):
+    """Writes soak.json and soak.png into `out`, and with `update` the table of docs/assurance.md; returns the rows. Refuses where what must hold does not."""
     if not updates >= 1:
         raise UserError(f"--updates {updates:g}: at least 1 is needed")
     out = output_folder(out)
@@ -163,4 +175,6 @@ def run(out, updates, kinds=KINDS):
     wrong = failures(rows)
     if wrong:
         raise UserError(f"{len(wrong)} of {len(rows)} runs do not hold: {wrong[0]}")
+    if update:
+        pages.update("docs/assurance.md", "soak", page(rows))
     return rows

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import lizard
 
+from ..plumbing import pages
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
@@ -176,7 +177,16 @@ def jobs():
     }
 
 
-def run(out):
+HEADERS = ["", "runs", "accepted, with reason", "findings"]
+
+
+def table(rows):
+    """A line for each tool."""
+    return [[row["tool"], row["runs"], row["accepted"], len(row["findings"])] for row in rows]
+
+
+def run(out, update=False):
+    """Writes static.json into `out`, and with `update` the table of docs/assurance.md; raises where something was found."""
     need(PROGRAMS)
     folder = output_folder(out)
     deviations = read_deviations(DEVIATIONS.read_text())
@@ -198,12 +208,10 @@ def run(out):
         )
     unneeded = judge([line for _, lines in seen for line in lines], deviations)[1]
     write_json(folder / "static.json", rows)
-    print_table(
-        "Static analysis of lib/",
-        ["", "runs", "accepted, with reason", "findings"],
-        [[row["tool"], row["runs"], row["accepted"], len(row["findings"])] for row in rows],
-    )
+    print_table("Static analysis of lib/", HEADERS, table(rows))
     wrong = [f"{row['tool']}: {line}" for row in rows for line in row["findings"]]
     wrong += [f"{DEVIATIONS.relative_to(ROOT)}: '{what}' is no longer needed" for what in unneeded]
     if wrong:
         raise UserError("\n".join([f"{len(wrong)} findings", *wrong]))
+    if update:
+        pages.update("docs/assurance.md", "static", pages.table("`make static`", HEADERS, table(rows)))

@@ -1,17 +1,21 @@
 """Side by side with peers: an update of the model (update), and a solve of the controller (solve)."""
 
 from ..plumbing import results
-from . import solve, update
+from . import page
+from . import solve as solving
+from . import update as updating
 
 
-def run(out_dir, build_dir):
-    """Measures everything; writes bench.json and the plots into out_dir; returns the rows.
+def run(out_dir, build_dir, update=False):
+    """Measures everything; writes bench.json and the plots into out_dir, and with `update` docs/benchmarks.md; returns the rows.
 
     build_dir was configured with -DTINYKOOP_BENCH=ON.
     """
     out_dir = results.output_folder(out_dir)
     rows = []
     with results.replacing(out_dir / "bench.json", rows):
-        rows += update.run(out_dir, build_dir)
-        rows += solve.run(out_dir, build_dir)
+        rows += updating.run(out_dir, build_dir)
+        rows += solving.run(out_dir, build_dir)
+    if update:
+        page.write(rows)
     return rows

@@ -120,9 +120,9 @@ def generate(out, n, seed, diagnosers, which=None):
     return {name: label for name, (label, _, _) in logs.items()}
 
 
-def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=None):
-    """Writes blind.json and its plots into `out`; returns the results. which: tiers, all if None."""
-    from . import draw, score
+def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=None, update=False):
+    """Writes blind.json and its plots into `out`, and with `update` docs/diagnose.md; returns the results. which: tiers, all if None."""
+    from . import draw, page, score
 
     if n < 1 or seed < 0:
         raise UserError(f"{n} logs a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
@@ -142,4 +142,7 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
             for first in (calls[:1], calls[1:]):
                 for name, result in each(diagnose, first, who):
                     write_json(folder / f"{name}.json", result)
-        return score.run(out, draw.run)
+        results = score.run(out, draw.run)
+    if update:
+        page.drives(results)
+    return results

@@ -15,7 +15,7 @@ from ..plumbing import plots
 from ..plumbing.errors import UserError
 from ..plumbing.results import alone, console, output_folder, print_table, remove, replacing, write_json
 from ..plumbing.workers import each, workers
-from . import DIAGNOSE, Command, _empty, diagnose, score
+from . import DIAGNOSE, Command, _empty, diagnose, page, score
 
 TIERS = {
     "none": "none: healthy",
@@ -93,13 +93,16 @@ def _row(label, run):
     return row
 
 
-def run(out, n, seed, cluster=None, jobs=None):
-    """Writes blind_fwmav.json and its plot; returns the rows."""
+def run(out, n, seed, cluster=None, jobs=None, update=False):
+    """Writes blind_fwmav.json and its plot, and with `update` the table of docs/flapping-wing.md; returns the rows."""
     if n < 1 or seed < 0:
         raise UserError(f"{n} flights a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
     out = output_folder(out)
     with alone(out / "blind_fwmav.json"):
-        return _campaign(out, n, seed, cluster, jobs)
+        rows = _campaign(out, n, seed, cluster, jobs)
+    if update:
+        page.flights(rows, n, seed)
+    return rows
 
 
 def _campaign(out, n, seed, cluster, jobs):

@@ -37,15 +37,27 @@ def threshold_sweep(x, u):
     return rows
 
 
+def constant_trace(estimator, trace, x, u, lam, tau0):
+    """{"gain_over_bound", "norm_over_trace"}: the largest |K_k| over tau0 |zeta_k| / lambda, and |P_k|_F over tau0.
+
+    `trace` holds P before every step. The first step is left out: its P is P0, which nothing has normalised yet.
+    """
+    P = trace["covariance"][1:]
+    zeta = np.concatenate([estimator.lift(x[1:-1]), u[1:]], axis=1)
+    g = np.einsum("kij,kj->ki", P, zeta)
+    gain = np.linalg.norm(g, axis=1) / (lam + np.einsum("ki,ki->k", zeta, g))
+    bound = tau0 * np.linalg.norm(zeta, axis=1) / lam
+    return {"gain_over_bound": float(np.max(gain / bound)), "norm_over_trace": float(np.max(np.linalg.norm(P, axis=(1, 2))) / tau0)}
+
+
 def trace_settings(x, u):
     """Rows of the study "ct": 27 constant-trace settings for each dictionary, float64."""
     rows = []
     jobs = list(itertools.product(("poly", "rbf"), LAMBDAS, P0S, TRACES))
     for dictionary, lam, p0, multiple in progress(jobs, "constant trace"):
         d = {"poly": 9, "rbf": 24}[dictionary]
-        estimator, trace = scenario.run(
-            scenario.Method(dictionary, "ct"), 64, x, u, lam=lam, p0=p0, tau0=multiple * p0 * d
-        )
+        tau0 = multiple * p0 * d
+        estimator, trace = scenario.run(scenario.Method(dictionary, "ct"), 64, x, u, every=1, lam=lam, p0=p0, tau0=tau0)
         _, condition = scenario.spectrum([estimator.covariance])
         rows.append(
             {
@@ -57,6 +69,7 @@ def trace_settings(x, u):
                 "trace_multiple": multiple,
                 "mean_error": float(np.mean(trace["error"])),
                 "final_condition": float(condition[0]),
+                **constant_trace(estimator, trace, x, u, lam, tau0),
             }
         )
     return rows

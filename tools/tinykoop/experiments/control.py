@@ -40,6 +40,15 @@ def reference_path():
     return bridge.simulate(scenario.commands(STEPS + MPC.horizon), scenario.DT)
 
 
+BOUNDS = {"v_min": (0, "u_min"), "v_max": (0, "u_max"), "omega_min": (1, "u_min"), "omega_max": (1, "u_max")}
+
+
+def at_bounds(u):
+    """Shares of the steps whose applied inputs (K, 2) are at each bound, and at any."""
+    active = {name: np.isclose(u[:, column], getattr(MPC, limits)[column], rtol=0, atol=1e-6) for name, (column, limits) in BOUNDS.items()}
+    return {name: float(np.mean(steps)) for name, steps in active.items()} | {"any": float(np.mean(np.any(list(active.values()), axis=0)))}
+
+
 def track(method, precision, x, u, reference):
     """(row of control.json, trace) of one method; x, u is the run it learns on first."""
     estimator, _ = scenario.run(method, precision, x, u)
@@ -56,6 +65,7 @@ def track(method, precision, x, u, reference):
         "mean_error": float(trace["error"].mean()),
         "control_energy": float(np.mean(np.sum(trace["u"] ** 2, axis=1))),
         "fallback_rate": float(np.mean(trace["status"] != 0)),
+        "at_bounds": at_bounds(trace["u"]),
         "kkt_residual_max": float(np.max(trace["residual"])),
         "solve_us": {
             "median": float(np.median(trace["solve_us"])),
@@ -91,7 +101,7 @@ def run(out, update=False):
 
 
 TITLE = "Tracking with Koopman-MPC, 2,000 steps, float64, no supervisor"
-HEADERS = ["method", "mean error", "energy", "fallback %", "error f32", "KKT max", "solve us, median / max"]
+HEADERS = ["method", "mean error", "energy", "fallback %", "at a bound %", "error f32", "KKT max", "solve us, median / max"]
 NOTE = "Poly, Poly (DZ-CS) and Poly (DZ-KS) are bistable: a centimetre at the start decides (`make study`)."
 
 
@@ -106,6 +116,7 @@ def table(rows):
                 f"{number(row['mean_error'])} ({number(error)})",
                 f"{number(row['control_energy'])} ({number(energy)})",
                 f"{100 * row['fallback_rate']:.2f} ({100 * fallback:.2f})",
+                f"{100 * row['at_bounds']['any']:.1f}",
                 number(narrow["mean_error"]),
                 number(row["kkt_residual_max"], 1),
                 f"{row['solve_us']['median']:.0f} / {row['solve_us']['max']:.0f}",

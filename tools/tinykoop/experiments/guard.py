@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from .. import bridge
-from ..plumbing import plots
+from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import control, scenario
 
@@ -188,8 +188,8 @@ def price(method):
 # ---- all ------------------------------------------------------------------------------------------
 
 
-def run(out, runs=RUNS, seed=SEED):
-    """Writes guard.json and its plots into `out`; returns the rows."""
+def run(out, update=False, runs=RUNS, seed=SEED):
+    """Writes guard.json and its plots into `out`, and with `update` the table of docs/control.md; returns the rows."""
     out = output_folder(out)
     with ProcessPoolExecutor() as pool:
         rows = list(progress(_counted(pool.map(score, [(i, seed) for i in range(runs)]), runs), "guard"))
@@ -198,6 +198,8 @@ def run(out, runs=RUNS, seed=SEED):
         draw_campaign(out, rows)
         draw_timeline(out)
     report(rows, prices)
+    if update:
+        pages.update("docs/control.md", "guard", page(rows, prices))
     return rows, prices
 
 
@@ -218,6 +220,20 @@ def _errors(rows, model):
     """Mean errors, infinite where there is none."""
     values = np.array([row[f"mean_error_{model}"] for row in rows], dtype=float)
     return np.where(np.isfinite(values), values, np.inf)
+
+
+def page(rows, prices):
+    """The table of docs/control.md."""
+    lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("unguarded", "guarded")}
+    price = max(row["mean_error_guarded"] / row["mean_error_unguarded"] for row in prices)
+    pairs = [
+        ("runs: starts, phases, paths, both dictionaries, six regulators, both precisions", len(rows)),
+        (f"lost without the guard (mean error above {LOST:g})", lost["unguarded"]),
+        ("lost with the guard", lost["guarded"]),
+        ("largest mean error with the guard (m, rad)", number(float(_errors(rows, "guarded").max()), 2)),
+        ("largest error with the guard over that without, where the method works by itself", f"{price:.3f}"),
+    ]
+    return pages.facts("`make guard`", pairs)
 
 
 def report(rows, prices):

@@ -1,5 +1,7 @@
 """One-step learning of the DDR: the paper's table "Learning Performance of a DDR"."""
 
+import time
+
 import numpy as np
 
 from ..plumbing import pages, plots
@@ -8,6 +10,17 @@ from . import scenario
 
 PRECISIONS = (64, 32)
 EVERY = scenario.ROLLOUT_STRIDE
+TIMED = 100  # steps per measurement of time: a clock read at every step would cost as much as a step
+
+
+def update_us(method, precision, x, u):
+    """{"median", "p95"} of the microseconds of one lift and update."""
+    estimator, spent = scenario.start(method, precision), []
+    for k in range(0, len(u), TIMED):
+        begin = time.perf_counter()
+        estimator.replay(x[k : k + TIMED + 1], u[k : k + TIMED], learn=method.regulator != "offline", traces=())
+        spent.append(1e6 * (time.perf_counter() - begin) / TIMED)
+    return {"median": float(np.median(spent)), "p95": float(np.percentile(spent, 95))}
 
 
 def row_of(method, precision, x, u):
@@ -28,6 +41,7 @@ def row_of(method, precision, x, u):
         "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online else None,
         "non_finite_at": scenario.first(trace["status"] < 0),
         "rollout_error": {str(h): float(rollout[h]) for h in (1, 10, 50)},
+        "update_us": update_us(method, precision, x, u),
     }
     return row, trace
 

@@ -10,6 +10,8 @@ DT = 0.05  # s
 STEPS = 5000
 PHASES = ("nominal", "slip", "friction", "slip + friction", "nominal")
 
+P0 = 100.0  # paper, section "Comparison Protocol", times the identity
+
 # Regularisation of the offline fit: P0 = 1 / ridge. The paper gives none; 1e-8 is the power of
 # ten that gives its |A|.
 OFFLINE_P0 = 1e8
@@ -94,14 +96,19 @@ def offline_theta(dictionary, steps=STEPS):
     return estimator.theta
 
 
-def run(method, precision, x, u, *, every=0, form="plain", **settings):
-    """Replays a run through one method; returns (estimator, trace)."""
-    if method.regulator == "offline":
-        estimator = bridge.Estimator(f"{method.dictionary}_ddr", "none", precision, form=form, **settings)
+def start(method, precision, form="plain", **settings):
+    """The estimator of one method as it begins; the offline one has its model."""
+    offline = method.regulator == "offline"
+    estimator = bridge.Estimator(f"{method.dictionary}_ddr", "none" if offline else method.regulator, precision, form=form, **settings)
+    if offline:
         estimator.theta = offline_theta(method.dictionary)
-        return estimator, estimator.replay(x, u, learn=False, every=every)
-    estimator = bridge.Estimator(f"{method.dictionary}_ddr", method.regulator, precision, form=form, **settings)
-    return estimator, estimator.replay(x, u, every=every)
+    return estimator
+
+
+def run(method, precision, x, u, *, every=0, **settings):
+    """Replays a run through one method; returns (estimator, trace)."""
+    estimator = start(method, precision, **settings)
+    return estimator, estimator.replay(x, u, learn=method.regulator != "offline", every=every)
 
 
 def by_precision(rows):

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import bridge
 from ..logs import replay
-from ..plumbing import plots
+from ..plumbing import pages, plots
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, printable, progress, replacing
 from . import scenario
@@ -171,8 +171,11 @@ def transfers(name, flights):
     return rows, traces
 
 
-def run(out, data):
-    """Writes transfer.json and its plots into `out`: synthetic flights, and those in the folder `data` if it is given."""
+def run(out, data, update=False):
+    """Writes transfer.json and its plots into `out`: synthetic flights, and those in the folder `data` if it is given.
+
+    update: also the tables of docs/flapping-wing.md, that of real flights if there are any.
+    """
     out = output_folder(out)
     sources = {"synthetic": synthetic()}
     if data:
@@ -186,6 +189,9 @@ def run(out, data):
             draw_channels(out, name, sources[name], traces)
     for name, (own, _) in learned.items():
         report(name, own)
+        if update:
+            region, flights = ("transfer", "simulated") if name == "synthetic" else ("transfer-real", "real")
+            pages.update("docs/flapping-wing.md", region, page(flights, own))
     return rows
 
 
@@ -193,6 +199,20 @@ def chosen(rows, method, precision="f64", calibrated=False):
     """The four rows of a method, in the order of DIRECTIONS."""
     key = method.dictionary, method.regulator, precision, calibrated
     return [row for row in rows if (row["dictionary"], row["regulator"], row["precision"], row["calibrated"]) == key]
+
+
+def page(flights, rows):
+    """The table of docs/flapping-wing.md."""
+    names = ["->".join(direction) for direction in DIRECTIONS]
+    lines = [[replay.NOTHING, *[number(row["stays"]) for row in chosen(rows, scenario.METHODS[0])], "-", "-"]]
+    for method in scenario.METHODS:
+        four, narrow = chosen(rows, method), chosen(rows, method, "f32")
+        norms = [row["final_P_fro"] for row in four if row["final_P_fro"] is not None]
+        apart = max(abs(b["mean_error"] / a["mean_error"] - 1) for a, b in zip(four, narrow))
+        largest = number(max(norms)) if norms else "-"
+        lines.append([method.label, *[number(row["mean_error"]) for row in four], largest, number(apart, 1)])
+    headers = ["method", *names, "largest final |P|", "float32, relative"]
+    return pages.table(f"Mean one-step error, {flights} flights, threshold {DELTA:g}", headers, lines)
 
 
 def report(name, rows):

@@ -1,11 +1,12 @@
 """The precision study: where float32, float64 and the forms of P part ways, and what that means.
 
-Three questions, one plot each:
+Four questions, one plot each:
 - at which step does a dictionary and regulator lose positive definiteness, stop being finite, or
   leave the result of float64 in square-root form (windup_lanes.png);
 - how does |P| compare with the closed form P0 lambda^-k of a direction that is never excited
   (windup_growth.png);
-- does a form survive two million well-excited updates (windup_soak.png).
+- does a form survive two million well-excited updates (windup_soak.png);
+- what becomes of the covariance ellipsoid with and without forgetting, the paper's figure (windup_ellipsoids.png).
 """
 
 import numpy as np
@@ -27,6 +28,9 @@ GROWTH_STEPS = 40_000  # float64 overflows after 34,900 steps of 0.98^-k from 10
 
 SOAK_UPDATES = 2_000_000
 
+ELLIPSES = {"ef": (0, 50, 100, 150, 200), "none": (0, 100, 150, 200, 1000)}  # steps
+V, OMEGA, IDLE = -2, -1, 3  # columns of zeta: the inputs, and the first radial basis function, far from the path
+
 
 def first_departure(trace, reference):
     """First step whose prediction differs from the reference's by more than LEFT."""
@@ -47,7 +51,7 @@ def study(x, u):
     for job in progress(jobs, "precision and form"):
         dictionary, regulator, form, precision = job
         method = scenario.Method(dictionary, regulator)
-        _, trace = scenario.run(method, precision, x, u, form=form)
+        estimator, trace = scenario.run(method, precision, x, u, form=form)
         traces[job] = trace
         reference = traces[dictionary, regulator, "sqrt", 64]
         rows.append(
@@ -61,6 +65,7 @@ def study(x, u):
                 "non_finite_at": scenario.first(trace["status"] < 0),
                 "left_float64_at": first_departure(trace, reference),
                 "final_P_fro": float(trace["norm_p"][-1]),
+                "final_P_inputs": [float(estimator.covariance[i, i]) for i in (V, OMEGA)],
                 "mean_error": float(np.mean(trace["error"])),
             }
         )
@@ -80,6 +85,15 @@ def growth():
             norm[refused:] = np.nan
         curves[form, precision] = norm, refused
     return curves
+
+
+def ellipsoids():
+    """{regulator: P before each of ELLIPSES} of RBF in square-root form, with forgetting (ef) and without (none)."""
+    found = {}
+    for regulator, steps in ELLIPSES.items():
+        _, trace = scenario.run(scenario.Method("rbf", regulator), 64, *scenario.drive(max(steps) + 1), form="sqrt", every=1)
+        found[regulator] = trace["covariance"][list(steps)]
+    return found
 
 
 def soak_data(steps=997, seed=1):
@@ -118,9 +132,12 @@ def run(out, update=False):
         draw_lanes(out, rows)
         draw_growth(out, curves)
         draw_soak(out, soaks)
+        draw_ellipsoids(out, ellipsoids())
     report(rows, curves, soaks)
     if update:
-        pages.update("docs/learning.md", "windup", pages.table("Runs of 5,000 steps in which P loses positive definiteness", *lost(rows)))
+        first = pages.table("Runs of 5,000 steps in which P loses positive definiteness", *lost(rows))
+        pages.update("docs/learning.md", "windup", first + "\n" + pages.table("Where each form ends", *ends(rows, curves, soaks)))
+        pages.picture(out / "windup_ellipsoids.png")
     return rows
 
 
@@ -132,6 +149,22 @@ def lost(rows):
         counts = [f"{sum(row['lost_positive_definite_at'] is not None for row in part)} of {len(part)}" for part in some.values()]
         lines.append([form, *counts])
     return ["form", "float32", "float64"], lines
+
+
+def ends(rows, curves, soaks):
+    """(headers, lines): vanilla RBF's first steps without definiteness and without a finite P, and what the soak leaves, by form."""
+    lines = []
+    for form in FORMS:
+        for precision in (32, 64):
+            name = f"f{precision}"
+            vanilla = {"dictionary": "rbf", "regulator": "ef", "precision": name, "form": form}
+            (row,) = [row for row in rows if vanilla.items() <= row.items()]
+            (soaked,) = [s for s in soaks if (s["precision"], s["form"]) == (name, form)]
+            steps = [row["lost_positive_definite_at"], curves[form, precision][1], soaked["non_finite_at"]]
+            gone = soaked["non_finite_at"] is not None
+            lines.append([f"{form}, float{precision}", *["-" if k is None else f"{k:,}" for k in steps], "-" if gone else number(soaked["theta_error"], 1)])
+    headers = ["", "vanilla RBF: not positive definite", "not finite", "2,000,000 excited updates: not finite", "relative error of Theta"]
+    return headers, lines
 
 
 def _event(row, name):
@@ -255,6 +288,31 @@ def draw_growth(out, curves):
     ax.set_ylim(0, 360)
     ax.legend(loc="upper left")
     plots.save(figure, out / "windup_growth.png")
+
+
+def _ellipse(P, i, j):
+    """Points (2, n) of the section z' P^-1 z = 1 of coordinates i and j, others free."""
+    angle = np.linspace(0, 2 * np.pi, 200)
+    return np.linalg.cholesky(P[np.ix_((i, j), (i, j))]) @ np.stack([np.cos(angle), np.sin(angle)])
+
+
+def draw_ellipsoids(out, found):
+    """The paper's illustration, from runs: P over two coordinates of zeta, with forgetting and without."""
+    figure, axes = plots.subplots(1, 2, figsize=(10, 4.6))
+    figure.suptitle("Covariance ellipsoids of RBF: with forgetting the idle axis grows, without it the excited axes vanish", x=0.01, ha="left")
+    panels = (("ef", IDLE, "first radial basis function (1)", "$\\lambda$ = 0.98: idle axis"),
+              ("none", OMEGA, "turn rate $\\omega$ (s/rad)", "$\\lambda$ = 1: excited axis"))  # fmt: skip
+    for ax, (regulator, other, label, title) in zip(axes, panels):
+        steps, P = ELLIPSES[regulator], found[regulator]
+        for i, (k, one) in enumerate(zip(steps, P)):
+            style = dict(color=str(0.75 - 0.75 * i / (len(steps) - 1)), lw=1 + 0.3 * i, ls=("-", "--", "-.", ":", "-")[i])
+            ax.plot(*_ellipse(one, V % len(one), other % len(one)), label=f"step {k:,}", **style)
+        size = [number(float(np.sqrt(one[other, other])), 2) for one in (P[0], P[-1])]
+        ax.set_title(f"{title}, {size[0]} to {size[1]} in {steps[-1]:,} steps")
+        ax.set_xlabel("semi-axis along speed $v$ (s/m)")
+        ax.set_ylabel(f"semi-axis along {label}")
+        ax.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.14))
+    plots.save(figure, out / "windup_ellipsoids.png")
 
 
 def draw_soak(out, rows):

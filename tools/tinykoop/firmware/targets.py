@@ -394,6 +394,12 @@ def summary(rows):
     return pages.table("Bytes and instructions, float32, -O2, N = 22, m = 2, horizon 50, `dz_cs`", headers, lines)
 
 
+def headlines(rows):
+    """{name: figure} of the README, on a Cortex-M4F at the larger size."""
+    (row,) = [r for r in rows if (r["target"], _size(r), _level(r)) == ("cortex-m4f", max(SIZES), "O2")]
+    return {"ram": f"{row['ram']['learn'] / 1000:.1f} kB", "instructions": _grouped(row["instructions"]["rls_update"]["dz_cs"])}
+
+
 PAGES = {"docs/benchmarks.md": summary, "targets/README.md": markdown}
 
 
@@ -467,6 +473,8 @@ def run(out, update=False):
         write_json(COMMITTED, rows)
         for page, tables in PAGES.items():
             pages.update(page, "footprint", tables(rows))
+        for name, value in headlines(rows).items():
+            pages.headline(name, value)
     elif lines := changes(read_committed(), rows):
         raise UserError("\n".join(["figures against targets/footprint.json (make targets UPDATE=1 takes them over):", *lines]))
     return rows

@@ -1,6 +1,7 @@
 """Tables of the pages, each written by the command that measures it (UPDATE=1), between two markers."""
 
 import re
+import shutil
 from pathlib import Path
 
 from .errors import UserError
@@ -28,3 +29,27 @@ def update(page, name, contents):
     """Writes contents between the markers of a page, named from the root of the project."""
     path = ROOT / page
     write_bytes(path, between_markers(path.read_text(), name, contents).encode())
+
+
+def within_line(text, name, value):
+    """The text of a page with another value between <!-- NAME --> and <!-- /NAME -->, which stand within one line."""
+    marked = re.compile(rf"(<!-- {name} -->).*?(<!-- /{name} -->)")
+    if not marked.search(text):
+        raise UserError(f"the page has no markers '{name}' and '/{name}'")
+    return marked.sub(lambda found: f"{found[1]}{value}{found[2]}", text)
+
+
+def headline(name, value):
+    """Writes one figure of the README."""
+    path = ROOT / "README.md"
+    write_bytes(path, within_line(path.read_text(), name, value).encode())
+
+
+def facts(title, pairs):
+    """A table of (what, figure)."""
+    return table(title, ["", "figure"], pairs)
+
+
+def picture(path):
+    """Takes a plot over into docs/."""
+    shutil.copy(path, ROOT / "docs")

@@ -16,7 +16,7 @@ from ...plumbing import plots
 from ...plumbing.errors import UserError
 from ...plumbing.results import alone, console, number, output_folder, print_table, remove, replacing, write_json
 from ...plumbing.workers import each, workers
-from .. import DIAGNOSE, Command, _empty, diagnose, score
+from .. import DIAGNOSE, Command, _empty, diagnose, page, score
 from . import ROBOTS
 from .plant import drive
 
@@ -91,13 +91,16 @@ def row_of(label, run):
     }  # fmt: skip
 
 
-def run(out, name, n, seed, cluster=None, jobs=None, which=None):
-    """Writes blind_NAME.json and its plot; returns the rows."""
+def run(out, name, n, seed, cluster=None, jobs=None, which=None, update=False):
+    """Writes blind_NAME.json and its plot, and with `update` the robot's table of docs/own-robot.md; returns the rows."""
     if n < 1 or seed < 0:
         raise UserError(f"{n} logs a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
     out, plant = output_folder(out), ROBOTS[name]
     with alone(out / f"blind_{name}.json"):
-        return _campaign(out, plant, n, seed, cluster, jobs, which or TIERS)
+        rows = _campaign(out, plant, n, seed, cluster, jobs, which or TIERS)
+    if update:
+        page.robot(plant, rows, TIERS, n, seed)
+    return rows
 
 
 def _campaign(out, plant, n, seed, cluster, jobs, tiers):

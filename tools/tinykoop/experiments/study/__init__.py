@@ -12,6 +12,7 @@ Sensitivities: C A^j B, what the learned model says that an input does to the st
 finite differences of the simulated robot under the inputs it was given afterwards.
 """
 
+from ...plumbing import pages
 from ...plumbing.errors import UserError
 from ...plumbing.results import output_folder, progress, replacing
 from .. import scenario
@@ -21,8 +22,8 @@ from .closed_loop import scene
 RUNS = 10
 
 
-def run(out, runs=RUNS):
-    """Writes study.json and its plots into `out`; returns the rows."""
+def run(out, runs=RUNS, update=False):
+    """Writes study.json and its plots into `out`, and with `update` the tables of docs/control.md; returns the rows."""
     if runs < 1:
         raise UserError(f"--runs is {runs}, it must be at least 1")
     for name in ("daqp", "osqp"):
@@ -44,4 +45,6 @@ def run(out, runs=RUNS):
             figures.draw_mechanism(out, parts, changed)
         figures.draw_sensitivities(out, compared)
     tables.report(cells, changed, rescued, parted, seen)
+    if update:
+        pages.update("docs/control.md", "study", tables.page(cells, changed))
     return rows

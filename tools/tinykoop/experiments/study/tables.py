@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...plumbing import pages
 from ...plumbing.results import number, print_table
 from .. import scenario
 from .bistability import BISTABLE
@@ -26,6 +27,27 @@ def setting(row):
     if (row["precision"], row["form"]) != ("f64", "plain"):
         return f"float{row['precision'][1:]}, {'root' if row['form'] == 'sqrt' else 'plain'}"
     return f"offset {number(row['sigma'])}"
+
+
+SHOWN = {
+    "Theta and P carried over": {"sigma": SIGMA, "solver": NEWTON, "precision": "f64", "form": "plain", "start": "carried over"},
+    "the same, planned by DAQP": {"sigma": SIGMA, "solver": "DAQP", "start": "carried over"},
+    "Theta kept, P reset to 100 I": {"start": "P reset"},
+}
+
+
+def _counted(row):
+    return row["runs"], row["failures"], *(f"{100 * edge:.0f}" for edge in row["ci95"])
+
+
+def page(cells, changed):
+    """The tables of docs/control.md: runs of Poly that are lost, and those of vanilla Poly with something changed."""
+    poly = [(name, row) for name, wanted in SHOWN.items() for row in cells if row["dictionary"] == "poly" and wanted.items() <= row.items()]
+    lost = [[f"{name}: {scenario.LABELS[row['regulator']]}", *_counted(row)] for name, row in poly]
+    ends = [[row["changed"].translate({ord("$"): "", ord("\\"): ""}), *_counted(row)] for row in changed]
+    headers = ["runs", "lost", "95 % from", "to (%)"]
+    first = pages.table("Poly under control, from starts a centimetre apart", ["setting: regulator", *headers], lost)
+    return first + "\n" + pages.table("Vanilla Poly with something changed, from the same starts", ["changed", *headers], ends)
 
 
 def report(cells, changed, rescued, parted, seen):

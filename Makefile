@@ -15,7 +15,7 @@ UPDATED := $(if $(UPDATE),--update)
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
+.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -114,8 +114,8 @@ blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation o
 study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
 	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)") $(UPDATED)
 
-guard: build ## 200 random closed-loop runs, guarded against unguarded: guard.json
-	@$(TINYKOOP) guard $(UPDATED)
+supervisor: build ## 200 random closed-loop runs with and without the supervisor: supervisor.json
+	@$(TINYKOOP) supervisor $(UPDATED)
 
 bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..: bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
@@ -140,7 +140,7 @@ static: $(VENV)/test-ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, F
 soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDATES= in all): soak.json
 	@$(TINYKOOP) soak $(if $(UPDATES),--updates "$(UPDATES)") $(UPDATED)
 
-flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, guard and controller (TRIALS= in all, SEED=): flips.json
+flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, supervisor and controller (TRIALS= in all, SEED=): flips.json
 	@$(TINYKOOP) flips $(if $(TRIALS),--trials "$(TRIALS)") $(if $(SEED),--seed "$(SEED)") $(UPDATED)
 
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json

@@ -83,7 +83,7 @@ enum { KOOP_TRUSTED = 0, KOOP_DOUBTFUL = 1, KOOP_REFUSE = 2 };
 /* Sums over words of memory, by which a flipped bit is found and repaired. */
 typedef struct koop_checksum {
 	uint64_t words;  /* sum of the words */
-	uint64_t places; /* sum of each word times its distance from the end */
+	uint64_t weighted; /* sum of each word times its distance from the end */
 } koop_checksum;
 
 /* Number of reals of the caller's storage, for static arrays:
@@ -98,8 +98,6 @@ typedef struct koop_checksum {
  * form's P is stored in full on processors with vector registers. */
 #define KOOP_PAD(k) (((size_t)(k) + 3u) / 4u * 4u)
 #define KOOP_TRIANGLE(d) (KOOP_PAD(d) * (KOOP_PAD(d) + 4u) / 2u)
-#define KOOP_TRIANGLE_AT(i, j) /* index of element (i, j), j <= i */                                         \
-	((i) / 4u * ((i) / 4u + 1u) * 8u + (size_t)(j) / 4u * 16u + (i) % 4u * 4u + (j) % 4u)
 #ifndef KOOP_VECTORS
 #if defined(__SSE2__) || defined(__ARM_NEON) || defined(__ARM_FEATURE_MVE) || defined(__riscv_vector)
 #define KOOP_VECTORS 1

@@ -1,5 +1,6 @@
 /* The estimator from one lifted state to many: sizes decide which loops of the kernels run. */
 #include "reference.h"
+#include "../../lib/src/triangle.h"
 
 static estimator e;
 
@@ -16,7 +17,7 @@ static int is_zero(real a) {
 /* Element (i, j) of a symmetric matrix, or null where only (j, i) is stored. */
 static real *symmetric_element(real *M, size_t i, size_t j) {
 	if (KOOP_VECTORS) { return M + i * e.rls.n_regressors_padded + j; }
-	return j / 4 <= i / 4 ? M + KOOP_TRIANGLE_AT(i, j) : NULL;
+	return j / 4 <= i / 4 ? M + TRIANGLE_AT(i, j) : NULL;
 }
 
 /* The same bits on both sides of the diagonal, and nothing beyond d. */
@@ -37,7 +38,7 @@ static void check_root(const real *S) {
 	const size_t d = e.rls.n_regressors, rows = e.rls.n_regressors_padded;
 	for (size_t i = 0; i < rows; i++) {
 		for (size_t j = 0; j < i / 4 * 4 + 4; j++) {
-			const real value = S[KOOP_TRIANGLE_AT(i, j)];
+			const real value = S[TRIANGLE_AT(i, j)];
 			const int right = i >= d || j > i ? is_zero(value) : i != j || value > 0;
 			CHECK(right, "%s, d %zu: (%zu, %zu)", estimator_name(&e), d, i, j);
 		}

@@ -40,7 +40,7 @@ int main(void) {
 	const float speed = u[0];
 	x[1] = NAN;
 	if (learner_step(x, u, &health) != KOOP_E_INPUT) { return 6; }
-	printf("%g %g %zu %zu %zu\\n", (double)health.innovation, (double)speed, sizeof storage, sizeof mpc_storage, sizeof guard_storage);
+	printf("%g %g %zu %zu %zu\\n", (double)health.innovation, (double)speed, sizeof storage, sizeof mpc_storage, sizeof supervisor_storage);
 	return 0;
 }
 """
@@ -62,7 +62,7 @@ def test_firmware_snippets(readme, tmp_path):
     source = tmp_path / "firmware.c"
     source.write_text(snippet + DRIVE)
     program = tmp_path / "firmware"
-    units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_guard.c"]
+    units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_supervisor.c"]
     include = ["-I", str(ROOT / "lib/include")]
     subprocess.run(
         ["gcc", *FLAGS, *include, str(source), *map(str, units), "-o", str(program), "-lm"], check=True

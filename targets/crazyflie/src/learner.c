@@ -139,7 +139,7 @@ static void learn(const float *psi) {
 	if (learner.status == KOOP_OK) {
 		judge(before, psi);
 		learner.samples++;
-		learner.skipped += (uint32_t)learner.health.gated;
+		learner.skipped += (uint32_t)learner.health.frozen;
 		learner.refused = 0;
 	} else {
 		learner.refusals++;

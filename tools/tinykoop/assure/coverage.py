@@ -166,7 +166,7 @@ def build_and_test(kernel):
 
 def read_unit(folder, precision):
     """Items of one precision: the coverage maps are read off its object files."""
-    first, second = (folder / f"CMakeFiles/tinykoop.dir/lib/{precision}{part}.c.o" for part in ("", "_guard"))
+    first, second = (folder / f"CMakeFiles/tinykoop.dir/lib/{precision}{part}.c.o" for part in ("", "_supervisor"))
     export = ["llvm-cov-19", "export", first, f"-object={second}", f"-instr-profile={folder / 'all.profdata'}"]
     return read_items(json.loads(run_command(*export)), run_command(*export, "-format=lcov"))
 

@@ -53,7 +53,7 @@ class Build:
     def contracted(self):
         return CONTRACTED in self.flags
 
-    def make(self, source, precision, library=("", "_guard")):
+    def make(self, source, precision, library=("", "_supervisor")):
         """The program. Only the library is contracted: what the script does itself is the same everywhere."""
         folder = BUILD / re.sub(r"\W+", "-", self.name)
         folder.mkdir(parents=True, exist_ok=True)

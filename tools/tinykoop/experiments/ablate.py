@@ -30,7 +30,7 @@ def threshold_sweep(x, u):
                 "regulator": "dz_cs",
                 "delta": delta,
                 "mean_error": float(np.mean(trace["error"])),
-                "skip_rate": float(np.mean(trace["gated"])),
+                "skip_rate": float(np.mean(trace["frozen"])),
                 "final_P_fro": float(trace["norm_p"][-1]),
             }
         )

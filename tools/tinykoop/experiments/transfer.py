@@ -159,7 +159,7 @@ def transfers(name, flights):
                 "steps": int(scored.sum()),
                 "mean_error": float(np.mean(trace["error"][scored])),
                 "final_P_fro": float(trace["norm_p"][-1]) if online else None,
-                "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
+                "skip_rate": float(trace["frozen"][scored].mean()) if gates else None,
                 "delta": delta if gates else None,
                 "calibrated": calibrated,
                 "stays": float(np.linalg.norm(np.diff(flight.x, axis=0), axis=1)[scored].mean()),

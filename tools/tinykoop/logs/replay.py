@@ -114,7 +114,7 @@ def run_log(path, out, platform=None):
                 "steps": int(scored.sum()),
                 "mean_error": float(np.nanmean(trace["error"])),
                 "final_P_fro": norm(estimator.covariance) if online[method] else None,
-                "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
+                "skip_rate": float(trace["frozen"][scored].mean()) if gates else None,
                 "delta": delta[method.dictionary] if gates else None,
                 "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online[method] else None,
                 "refused": int((trace["status"] < 0).sum()),

@@ -23,7 +23,7 @@ int main(void) {
 	if (koopf_lift(&koopf_rbf_ddr, x, psi) != KOOP_OK) { return 1; }
 	for (int k = 0; k < 400; k++) {
 		const float u[2] = {1.5f + 0.3f * sinf(0.1f * (float)k), 0.6f * cosf(0.08f * (float)k)}; /* m/s, rad/s */
-		x[0] += 0.05f * u[0] * cosf(x[2]); /* in the place of your sensors, 20 times per second */
+		x[0] += 0.05f * u[0] * cosf(x[2]); /* simulated; read your sensors here, 20 times per second */
 		x[1] += 0.05f * u[0] * sinf(x[2]);
 		x[2] += 0.05f * u[1];
 		if (koopf_lift(&koopf_rbf_ddr, x, psi_next) != KOOP_OK) { continue; }

@@ -119,7 +119,7 @@ typedef struct tk_noise {
 	const double *start;                        /* n: standard deviation of where a run of rows begins */
 	const double *C;                            /* c x n: channels of states */
 	const double *process, *process_rho;        /* r: standard deviation; correlation from row to row */
-	const double *coloured, *coloured_rho;      /* c: likewise */
+	const double *coloured, *coloured_rho;      /* c: the same */
 } tk_noise;
 
 /* The reference path, row by row, begun again in rows where `begins` is not 0: A (n x n) takes a deviation from it to
@@ -240,7 +240,7 @@ typedef struct tk_trace {
 TK_API int tk_replay(tk_estimator *estimator, size_t steps, const double *x, const double *u,
                      const int32_t *usable, int learn, const tk_trace *trace);
 
-/* The same recursion on regressors of one's own instead of a lifted log:
+/* The same recursion on your own regressors instead of a lifted log:
  * zeta (steps rows of N+m) and target (steps rows of N), `repeats` times over.
  * For soaks of millions of updates. */
 typedef struct tk_soak {
@@ -253,7 +253,7 @@ typedef struct tk_soak {
 TK_API int tk_estimator_soak(tk_estimator *estimator, size_t steps, const double *zeta, const double *target,
                              size_t repeats, tk_soak *result);
 
-/* ---- Control: Koopman-MPC on what is learned --------------------------------- */
+/* ---- Control: Koopman-MPC on the learned model --------------------------------- */
 
 typedef struct tk_mpc_settings {
 	size_t horizon;

@@ -93,7 +93,7 @@ static void test_update_refuses_a_memory_that_it_cannot_mend(void) {
 	TEST_ASSERT_EQUAL_INT(0, health.frozen);
 	learned_take(&after, &e);
 	TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e) && learned_same_covariance(&before, &after, &e));
-	/* a model and a P of one's own begin anew */
+	/* a model and your own P begin anew */
 	static const real theta[N * D] = {0};
 	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
 	CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, 10));

@@ -115,7 +115,7 @@ static int decide_covariance_alone(KOOP(rls) *rls, real innovation, KOOP(step) *
 	return KOOP_OK;
 }
 
-/* A regulator of one's own that leaves Theta alone: P goes on as by exponential forgetting. */
+/* Your own regulator that leaves Theta alone: P goes on as by exponential forgetting. */
 static void test_covariance_without_theta(void) {
 	enum { N = 3, M = 2, D = N + M };
 	const KOOP(regulator) own = {"own", 0, decide_covariance_alone, 1};

@@ -40,7 +40,7 @@ typedef struct {
 	unsigned char *at;
 	size_t words, next; /* the word of the next trial */
 	unsigned long trials, detected, harmless, silent, for_ever, unsafe;
-	size_t word, bit, time; /* of the first trial that was silent, refused for ever or unsafe */
+	size_t word, bit, time; /* of the first trial that was silent, refused forever or unsafe */
 } area;
 
 typedef struct {
@@ -156,7 +156,7 @@ static int refusals(const report *r) {
 	       8 * (r->model != KOOP_SUPERVISOR_ONLINE);
 }
 
-/* Which of them refuse for ever from LASTING samples on; or whether an input is unsafe before. */
+/* Which of them refuse forever from LASTING samples on; or whether an input is unsafe before. */
 static int lasting_refusals(world *w, int *unsafe) {
 	int refused = 0;
 	for (size_t k = 0; k < LASTING; k++) {
@@ -178,7 +178,7 @@ static int same_state(world *w, const world *twin) {
 	return memcmp(w, twin, sizeof *w) == 0;
 }
 
-/* Whether the flip has made it refuse for ever; w and twin are WATCHED samples on. */
+/* Whether the flip has made it refuse forever; w and twin are WATCHED samples on. */
 static int is_refused_for_ever(world *w, const world *twin, int *unsafe) {
 	if (same_state(w, twin)) { return 0; }
 	const int refused = lasting_refusals(w, unsafe);

@@ -748,7 +748,7 @@ def test_cut_off_file_is_refused(tmp_path, form, share):
     if form in ("crazyflie", "csv"):
         cut = data.index(b",", cut) + 1  # in the midst of a line
     path.write_bytes(data[:cut])
-    refused(path, platform, "cut off|damaged|empty")
+    refused(path, platform, "truncated|damaged|empty")
 
 
 def test_usd_with_a_wrong_check_sum(tmp_path):

@@ -1,4 +1,4 @@
-"""A robot of one's own: its simulator and its log go in; the plant of these tests is another program than the simulator."""
+"""Your own robot: its simulator and its log go in; the plant of these tests is another program than the simulator."""
 
 import csv
 import dataclasses
@@ -492,7 +492,7 @@ def test_a_robot_without_commands_gets_one_line(tmp_path):
     start = text.index("command = [")
     (tmp_path / "car.toml").write_text(text[:start] + "command = []\n" + text[text.index("]", text.index("delta")) + 2 :])
     (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
-    with pytest.raises(UserError, match="command must list one at least"):
+    with pytest.raises(UserError, match="command must list at least one"):
         toml.read(tmp_path / "car.toml")
 
 

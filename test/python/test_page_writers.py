@@ -84,7 +84,7 @@ def test_blind_flights_are_counted_by_tier(written):
     rows += [{"tier": "left_out", "truth": ["lag"], "confidence": {"delay": 0.95}}]
     blind.flights(rows, 1, 7)
     lines = cells(written["blind-fwmav"])
-    assert lines["one effect, all along or from some time on"] == ["2", "2", "2", "2", "0"]
+    assert lines["one effect, throughout or from some time on"] == ["2", "2", "2", "2", "0"]
     assert lines["one effect, taken out of the library"] == ["1", "0", "0", "0", "1"]
     assert lines["onset off by, median (s)"] == ["0.5"] and lines["inside it"] == ["1"]
 

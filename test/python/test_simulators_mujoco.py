@@ -285,9 +285,9 @@ def test_each_example_without_its_effect_is_healthy(tmp_path, name, hidden):
     ("body/hand/mass", "bode/hand/mass", "there is no kind bode; there is body"),
     ("body/hand/mass", "body/hand/mas", "there is no number mas; there is mass"),
     ("body/hand/mass", "body/hand/inertia/3", "inertia has 3 numbers; the last is inertia/2"),
-    ("body/hand/mass", "body/hand,lower/mass", r"stands for different numbers, \[0.4, 0.9\]"),
+    ("body/hand/mass", "body/hand,lower/mass", r"refers to different numbers, \[0.4, 0.9\]"),
     ("body/hand/mass", "body/hand", "write KIND/NAME/WHAT, such as body/hand/mass"),
-    ("body/hand/mass", "option/timestep", "every diagnosis tries shorter steps of time by itself"),
+    ("body/hand/mass", "option/timestep", "every diagnosis tests shorter time steps"),
     ('field = "body/hand/mass"', "", "field payload: write KIND/NAME/WHAT"),
     ("low = 0.1", "low = 0.5", "the model has 0.4, which is not between low and high"),
 ])  # fmt: skip

@@ -59,7 +59,7 @@ def read_lines(lcov):
 
 
 def read_branches(function):
-    """Both ways of each branch; a macro's are told apart by where it is used."""
+    """Both ways of each branch; a macro's are distinguished by where it is used."""
     for line, column, _, _, true, false, file, *_ in function["branches"]:
         for way, count in (("true", true), ("false", false)):
             yield Item("branches", function["filenames"][file], line, f"column {column} never {way}", count > 0)

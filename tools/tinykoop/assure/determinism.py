@@ -256,6 +256,6 @@ def run(out, update=False):
         if not row["ulp"] <= MOST_ULP
     ]
     if failures:
-        raise UserError("\n".join(["what is promised equal is not:", *failures[:20]]))
+        raise UserError("\n".join(["these results differ, but must be equal:", *failures[:20]]))
     if update:
         pages.update("docs/assurance.md", "determinism", page(rows))

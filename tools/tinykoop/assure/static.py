@@ -90,7 +90,7 @@ def cppcheck(unit, vectors):
 # among them: which rows its factor has depends on which inputs are free, and Eva keeps no such relation.
 EVA = "-eva -eva-precision 0 -eva-split-return full -eva-slevel 70 -eva-auto-loop-unroll 200 -eva-no-print -warn-special-float none"
 EVA_CONTROLLER = EVA.replace("slevel 70", "slevel 12")
-EVA_SUPERVISOR = EVA.replace("slevel 70", "slevel 500")  # with 250 an init that fails is not told from one that does not
+EVA_SUPERVISOR = EVA.replace("slevel 70", "slevel 500")  # with 250 an init that fails is not distinguished from one that does not
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
 FORMS = ("plain", "sqrt")
 

@@ -223,6 +223,6 @@ def draw_precision(out, rows):
     ax.set_yticks(range(len(table)), [method.label for method, _, _ in table])
     ax.invert_yaxis()
     ax.set_xlim(-14, 14)
-    ax.set_xlabel("mean error of float32 relative to float64 (%), band: 3 %, cut off at 10 %")
+    ax.set_xlabel("mean error of float32 relative to float64 (%), band: 3 %, clipped at 10 %")
     ax.grid(axis="y", visible=False)
     plots.save(figure, out / "learn_precision.png")

@@ -41,7 +41,7 @@ TURN = 0.7  # rad/s, of references
 def theta_of_many_drives(dictionary, drives=12, steps=2500, heading=0.85):
     """Offline model from drives of the nominal robot at many headings and speeds, each with its mirror image.
 
-    scenario.offline_theta() has seen one drive, within 0.38 rad: there theta and sin(theta) cannot be told apart, and
+    scenario.offline_theta() has seen one drive, within 0.38 rad: there theta and sin(theta) cannot be distinguished, and
     what it makes of them does not hold elsewhere.
     """
     random = np.random.default_rng(5)

@@ -244,9 +244,9 @@ def report(name, rows):
         errors,
         f"Low-pass of {CUTOFF:g} Hz on state and command; square-root form; delta = {DELTA:g}",
     )
-    print_table(f"{name}: the covariance, and float32", ["method", "largest final |P|", "gated %", "f32, relative"], norms)
+    print_table(f"{name}: the covariance, and float32", ["method", "largest final |P|", "frozen %", "f32, relative"], norms)
     print_table(
-        f"{name}: threshold calibrated on the source, the {ETA:g} quantile of its innovations: error, gated, delta",
+        f"{name}: threshold calibrated on the source, the {ETA:g} quantile of its innovations: error, frozen, delta",
         ["method", *names],
         calibrations,
     )

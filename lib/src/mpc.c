@@ -76,7 +76,7 @@ static int have_factor(KOOP(mpc) *mpc) {
  * are fixed, and the step is computed again until it fixes no more. It is a feasible descent direction. */
 static int find_descent_direction(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	for (size_t k = 0; k <= V; k++) { /* returns earlier: each pass fixes at least one more input */
+	for (size_t k = 0; k <= V; k++) { /* never: returns earlier, as each pass fixes an input more */
 		const int status = have_factor(mpc);
 		if (status != KOOP_OK) { return status; }
 		(void)try_newton(mpc, 0);

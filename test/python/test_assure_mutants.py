@@ -202,7 +202,7 @@ def test_an_argument_is_known_by_the_text_of_the_line():
 
 
 def test_an_argument_for_nothing_is_refused():
-    with pytest.raises(UserError, match="equivalent.txt:2: no mutant.*i <= n"):
+    with pytest.raises(UserError, match="equivalent.txt:2: not a mutant.*i <= n"):
         mutants.read_equivalent(f"# why\n{LINE}\n", set())
 
 

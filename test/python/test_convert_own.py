@@ -135,8 +135,8 @@ def test_rows_at_uneven_times_become_uniform(tmp_path):
         ("t=ms[mm]", "'mm' is no unit of what is in s here; there are s, min, ms, us, ns"),
         ("py=y*much", "the factor 'much' is not a number"),
         ("gx=psi", "no column 'gx' here; there are t, px, py, theta, v, omega"),
-        ("py=", r"say COLUMN=COLUMN\[UNIT\], as in t=mode; or name a .toml file"),
-        ("y[cm]", "say COLUMN="),
+        ("py=", r"write COLUMN=COLUMN\[UNIT\], as in t=mode; or name a .toml file"),
+        ("y[cm]", "write COLUMN="),
         ("v=mode", r"mine\.csv:2: could not convert string to float: 'auto'"),
     ],
 )  # fmt: skip

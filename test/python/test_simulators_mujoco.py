@@ -272,7 +272,7 @@ def test_each_example_without_its_effect_is_healthy(tmp_path, name, hidden):
     ('"arm.xml"', '"arn.xml"', "there is no file .*arn.xml"),
     ('"arm.xml"', "3", "mujoco: must be a text"),
     ('"arm.xml"', '"broken.xml"', "broken.xml: XML Error"),
-    ('"arm.xml"', '"free.xml"', "joint root is free or a ball; put three slides and hinges"),
+    ('"arm.xml"', '"free.xml"', "joint root is free or a ball; replace it by three slides"),
     ('qpos = ["q1", "q2"]', 'qpos = ["q1"]', r"qpos: the model has 2 \(shoulder, elbow\); name a signal"),
     ('qpos = ["q1", "q2"]', "qpos = 3", "qpos: the model has 2"),
     ('qvel = ["dq1", "dq2"]', 'qvel = ["dq1", "dq3"]', "qvel: there is no signal dq3; there is dq"),

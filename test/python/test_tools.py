@@ -168,7 +168,7 @@ def test_estimator_behind_the_gate_forgets_a_fault(precision, regulator):
     for name, seen, gate in (("sound", x, False), ("gated", stuck, True), ("bare", stuck, False)):
         estimator = bridge.Estimator("poly_ddr", regulator, precision, form="sqrt", gate=gate)
         after[name] = np.nanmean(estimator.replay(seen, u)["error"][2000:])
-    assert after["frozen"] < 1.05 * after["sound"] < after["bare"] / 2
+    assert after["gated"] < 1.05 * after["sound"] < after["bare"] / 2
 
 
 @pytest.mark.parametrize("precision", [32, 64])

@@ -1,6 +1,6 @@
-# The front door: a thin layer over CMake and the Python tools. `make` lists the targets.
-# All results go to build/out/. UPDATE=1 writes the figures into README and docs/, too.
-# FORMAT=svg,pdf,npz writes plots in these formats, too; npz holds the traces that a plot shows.
+# The front end: a thin layer over CMake and the Python tools. `make` lists the targets.
+# All results go to build/out/. UPDATE=1 also writes the figures into README and docs/.
+# FORMAT=svg,pdf,npz also writes plots in these formats; npz has the data of a plot.
 
 PYTHON ?= python3
 BUILD := build
@@ -11,16 +11,16 @@ JOBS := $(shell nproc 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 UPDATED := $(if $(UPDATE),--update)
 
-# $(call install,ENVIRONMENT,FILES): the packages of requirements files; one line says it where there is no network.
+# $(call install,ENVIRONMENT,FILES): installs the packages of requirements files; without network it prints one line.
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind study guard bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
+.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-# What the system must have; says how to get what is missing.
+# Checks the required programs, and prints how to install the missing ones.
 system:
 	@missing=; for tool in gcc cmake $(PYTHON); do \
 		command -v $$tool >/dev/null || missing="$$missing $$tool"; done; \
@@ -37,15 +37,15 @@ $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
 	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e tools
 	@touch $@
 
-# What tests and comparisons need beside the tools.
+# The packages that tests and comparisons need in addition to the tools.
 $(VENV)/test-ready: tools/requirements-test.txt tools/requirements-mcap.txt $(VENV)/ready
 	@echo "Packages for tests ..."
 	@$(call install,$(VENV),tools/requirements-test.txt tools/requirements-mcap.txt)
 	@touch $@
 
-# The solvers that the controller is compared with: heavy, and needed nowhere else.
+# The solvers with which the controller is compared: large, and needed only here.
 $(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/test-ready
-	@echo "Solvers to compare with ..."
+	@echo "Solvers for the benchmarks ..."
 	@$(call install,$(VENV),tools/requirements-bench.txt)
 	@touch $@
 
@@ -53,7 +53,7 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: a replay of your own log, too)
+demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: also replays your log)
 	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)") $(UPDATED)
 
 test: build c-tests $(VENV)/test-ready ## every test that needs no cross toolchain
@@ -64,7 +64,7 @@ c-tests: system
 	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/test -j $(JOBS)
 
-learn: build ## DDR one-step learning, the paper's table: learn.json
+learn: build ## one-step learning of the differential drive (DDR), the paper's table: learn.json
 	@$(TINYKOOP) learn $(UPDATED)
 
 control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
@@ -90,15 +90,15 @@ diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr
 	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [ROBOT=fwmav]" >&2; exit 2; }
 	@$(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(ROBOT)$(PLATFORM),--robot "$(or $(ROBOT),$(PLATFORM))")
 
-# What the blind check needs beside the diagnoser: its peers, and a way to all cores.
+# The packages for the blind evaluation: peers of the diagnoser, and Dask.
 $(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
 	@echo "Peers of the diagnoser ..."
 	@$(call install,$(VENV),tools/requirements-blind.txt tools/requirements-peers.txt)
 	@touch $@
 
-# Simulators that robots of one's own may have.
+# Simulation packages for your own robots.
 $(VENV)/simulators-ready: tools/requirements-simulators.txt $(VENV)/ready
-	@echo "Simulators of robots of one's own ..."
+	@echo "Simulators of your own robots ..."
 	@$(call install,$(VENV),tools/requirements-simulators.txt)
 	@touch $@
 
@@ -108,14 +108,14 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 	@$(call install,$(VENV),tools/requirements-logs.txt)
 	@touch $@
 
-blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= of each tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
+blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
 	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
-study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= of each setting): study.json
+study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= per setting): study.json
 	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)") $(UPDATED)
 
-guard: build ## 200 random closed-loop runs, guarded against unguarded: guard.json
-	@$(TINYKOOP) guard $(UPDATED)
+supervisor: build ## 200 random closed-loop runs with and without the supervisor: supervisor.json
+	@$(TINYKOOP) supervisor $(UPDATED)
 
 bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..: bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
@@ -128,34 +128,34 @@ targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes a
 coverage: $(VENV)/ready ## lines, branches and MC/DC of lib/ that the C tests reach: coverage.json
 	@$(TINYKOOP) coverage $(UPDATED)
 
-mutants: $(VENV)/ready ## small faults put into lib/: how many the C tests find (N=, SEED=, or all of FILE=lib/src/mpc.c): mutants.json
+mutants: $(VENV)/ready ## mutation score: how many small faults in lib/ the C tests detect (N=, SEED=, or all of FILE=lib/src/mpc.c): mutants.json
 	@$(TINYKOOP) mutants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(FILE),--file "$(FILE)") $(UPDATED)
 
-fuzz: $(VENV)/ready ## libFuzzer on the CSV reader, every public call, sequences of calls (SECONDS= each): fuzz.json
+fuzz: $(VENV)/ready ## libFuzzer on the CSV reader, every public call, sequences of calls (SECONDS= per target): fuzz.json
 	@$(TINYKOOP) fuzz $(if $(SECONDS),--seconds "$(SECONDS)") $(UPDATED)
 
 static: $(VENV)/test-ready ## clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/: static.json
 	@$(TINYKOOP) static $(UPDATED)
 
-soak: $(VENV)/ready ## every kind of estimator through every kind of fault (UPDATES= in all): soak.json
+soak: $(VENV)/ready ## every kind of estimator under every kind of fault (UPDATES= in total): soak.json
 	@$(TINYKOOP) soak $(if $(UPDATES),--updates "$(UPDATES)") $(UPDATED)
 
-flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, guard and controller (TRIALS= in all, SEED=): flips.json
+flips: $(VENV)/ready ## one flipped bit in the storage of learner, gate, supervisor and controller (TRIALS= in total, SEED=): flips.json
 	@$(TINYKOOP) flips $(if $(TRIALS),--trials "$(TRIALS)") $(if $(SEED),--seed "$(SEED)") $(UPDATED)
 
 determinism: $(VENV)/ready ## the same bits from both compilers, all optimisation levels and a Cortex-M4F: determinism.json
 	@$(TINYKOOP) determinism $(UPDATED)
 
-flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks, and harder ones (COMPILER=, SET= only one): flags.json
+flags: $(VENV)/ready ## the C tests with lib/ under the compiler flags of flight stacks and more aggressive ones (COMPILER=, SET= select one): flags.json
 	@$(TINYKOOP) flags $(if $(COMPILER),--compiler "$(COMPILER)") $(if $(SET),--set "$(SET)")
 
 sanitize: build c-tests $(VENV)/test-ready ## the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind: sanitize.json
 	@$(TINYKOOP) sanitize $(UPDATED)
 
-amalgamate: system ## the drop-in pair tinykoop.c, tinykoop.h (PREFIX=my_ goes before every name) and an Arduino library: amalgamated/
+amalgamate: system ## the drop-in pair tinykoop.c, tinykoop.h (PREFIX=my_ is added to every name) and an Arduino library: amalgamated/
 	@$(PYTHON) tools/amalgamate.py --out $(BUILD)/out/amalgamated $(if $(PREFIX),--prefix "$(PREFIX)")
 
-# In an environment of their own: they bring dozens of packages.
+# A separate environment, since they install dozens of packages.
 $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 	@echo "Package managers ..."
 	@rm -rf $(BUILD)/packagers
@@ -163,16 +163,16 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 	@$(call install,$(BUILD)/packagers,tools/requirements-packagers.txt)
 	@touch $@
 
-packagers: $(VENV)/ready $(BUILD)/packagers/ready ## the manifests tried with PlatformIO, ESP-IDF's component manager and Kconfig
+packagers: $(VENV)/ready $(BUILD)/packagers/ready ## tests of the manifests with PlatformIO, ESP-IDF's component manager and Kconfig
 	@$(VENV)/bin/python -m pytest -q -rs test/python/test_drop_in.py
 
-# What makes the site of the docs.
+# The packages that build the documentation site.
 $(VENV)/docs-ready: tools/requirements-docs.txt $(VENV)/ready
 	@echo "Packages for the docs ..."
 	@$(call install,$(VENV),tools/requirements-docs.txt)
 	@touch $@
 
-docs: $(VENV)/docs-ready ## the docs as a site with the reference of C, Python and the commands, links checked: build/site
+docs: $(VENV)/docs-ready ## the documentation site with the reference of C, Python and the commands, with checked links: build/site
 	@$(VENV)/bin/python docs/site.py $(BUILD)/docs
 	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --keep-going -c docs $(BUILD)/docs $(BUILD)/site
 	@echo "The site is in $(BUILD)/site: open $(BUILD)/site/index.html"

@@ -13,7 +13,7 @@ from pathlib import Path
 from tinykoop import cli
 
 ROOT = Path(__file__).resolve().parents[1]
-HEADERS = ("tinykoop.h", "tinykoop_api.h", "tinykoop_guard.h", "tinykoop_guard_api.h")
+HEADERS = ("tinykoop.h", "tinykoop_api.h", "tinykoop_supervisor.h", "tinykoop_supervisor_api.h")
 FROM_ROOT = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "security.md": "SECURITY.md", "changelog.md": "CHANGELOG.md"}
 EXIT_STATUS = """`build/venv/bin/tinykoop COMMAND --help` prints the same. Exit status: 0; 1 if a limit that was asked for is exceeded;
 2 with one line on standard error if an input must be corrected.
@@ -74,8 +74,8 @@ def reference():
     intro = re.match(r"/\*.*?\*/", texts[0], re.S)[0]
     parts = ["# C interface\n", _section(intro), "Below, `koopf_` and `float` also stand for `koopd_` and `double`.\n"]
     for name, text in zip(HEADERS, texts):
-        if name == "tinykoop_guard.h":
-            parts += ["## Guard\n", _section(re.match(r"/\*.*?\*/", text, re.S)[0])]
+        if name == "tinykoop_supervisor.h":
+            parts += ["## Supervisor\n", _section(re.match(r"/\*.*?\*/", text, re.S)[0])]
         elif name == "tinykoop.h":
             parts.append("## Statuses, checks and sizes\n")
         parts += [_section(block) for block in _blocks(text)]

@@ -1,5 +1,5 @@
 /* Learns a differential-drive robot in one drive, then follows a path with the learned model: each second the robot turns
- * a little less than commanded, of which nobody has told the controller. */
+ * a little less than commanded, which the controller does not know. */
 #include <math.h>
 #include <stdio.h>
 
@@ -27,7 +27,7 @@ static int start(void) {
 	return status != KOOP_OK ? status : koopf_mpc_init(&mpc, &plan, mpc_storage, sizeof mpc_storage / sizeof *mpc_storage);
 }
 
-/* 50 ms of the true robot, in the place of yours. */
+/* 50 ms of the true robot, simulated. Read your own here. */
 static void drive(float *x, const float *u, int k) {
 	const float turns = 1.0f - 2e-4f * (float)k;
 	x[0] += 0.05f * u[0] * cosf(x[2]);

@@ -14,7 +14,7 @@ int main(void) {
 		.form = &koopf_form_sqrt, /* the covariance as its square root: safe in float32 */
 		.lambda = 0.98f, /* forgetting factor */
 		.p0 = 100.0f,    /* initial covariance */
-		.delta = 0.01f,  /* dead zone: smaller innovations change nothing */
+		.delta = 0.01f,  /* dead zone: smaller innovations leave the covariance unchanged */
 	};
 	koopf_rls learner;
 	koopf_health health = {0};
@@ -23,11 +23,11 @@ int main(void) {
 	if (koopf_lift(&koopf_rbf_ddr, x, psi) != KOOP_OK) { return 1; }
 	for (int k = 0; k < 400; k++) {
 		const float u[2] = {1.5f + 0.3f * sinf(0.1f * (float)k), 0.6f * cosf(0.08f * (float)k)}; /* m/s, rad/s */
-		x[0] += 0.05f * u[0] * cosf(x[2]); /* in the place of your sensors, 20 times per second */
+		x[0] += 0.05f * u[0] * cosf(x[2]); /* simulated; read your sensors here, 20 times per second */
 		x[1] += 0.05f * u[0] * sinf(x[2]);
 		x[2] += 0.05f * u[1];
 		if (koopf_lift(&koopf_rbf_ddr, x, psi_next) != KOOP_OK) { continue; }
-		if (koopf_rls_update(&learner, psi, u, psi_next, &health) != KOOP_OK) { continue; } /* the model is as it was */
+		if (koopf_rls_update(&learner, psi, u, psi_next, &health) != KOOP_OK) { continue; } /* refused: the model is unchanged */
 		for (int i = 0; i < 22; i++) { psi[i] = psi_next[i]; }
 	}
 	printf("one-step prediction error: %g\n", (double)health.innovation);

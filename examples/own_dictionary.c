@@ -1,4 +1,4 @@
-/* A dictionary of one's own, for a quadrotor: 12 states and 7 functions of them.
+/* Your own dictionary, for a quadrotor: 12 states and 7 functions of them.
  *
  * A quadrotor's acceleration is nearly linear in thrust and torques once the direction of the thrust is known, so that
  * direction is among the functions; so are the products of rates in Euler's equations. Their inputs are thrust and torques. */

@@ -109,7 +109,7 @@ static int boot(int *slot, uint32_t *sequence) {
 	return slots_load(&learner, slot, sequence) == KOOP_OK ? (int)learner.theta[0] : -1;
 }
 
-/* Version 1 is there, 2 is saved while the supply fails after some words, then 3 likewise. Returns how many
+/* Version 1 is there, 2 is saved while the supply fails after some words, then 3 in the same way. Returns how many
  * versions were lost, or -1 where all were. */
 static int try_failures(long first, long second, uint32_t sequence) {
 	int slot = 0, version;

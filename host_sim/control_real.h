@@ -86,17 +86,17 @@ static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const
 	return TK_OK;
 }
 
-/* A guard with its storage, which is null where there is none. */
-typedef struct SIM(guarded) {
-	KOOP(guard) guard;
+/* A supervisor with its storage, which is null where there is none. */
+typedef struct SIM(supervised) {
+	KOOP(supervisor) supervisor;
 	REAL *storage;
-} SIM(guarded);
+} SIM(supervised);
 
-static int SIM(guard_open)(SIM(guarded) * g, SIM(controller) * c, const tk_guard_settings *s) {
-	*g = (SIM(guarded)){0};
+static int SIM(supervisor_open)(SIM(supervised) * g, SIM(controller) * c, const tk_supervisor_settings *s) {
+	*g = (SIM(supervised)){0};
 	if (!s) { return TK_OK; }
 	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
-	const KOOP(guard_config) config = {
+	const KOOP(supervisor_config) config = {
 	    .min_cosine = (REAL)s->min_cosine,
 	    .min_gain = (REAL)s->min_gain,
 	    .max_gain = (REAL)s->max_gain,
@@ -106,14 +106,14 @@ static int SIM(guard_open)(SIM(guarded) * g, SIM(controller) * c, const tk_guard
 	    .patience = s->patience,
 	    .renewal = s->renewal,
 	};
-	const size_t reals = KOOP_GUARD_REALS(N, 3, 2, H);
+	const size_t reals = KOOP_SUPERVISOR_REALS(N, 3, 2, H);
 	g->storage = calloc(reals, sizeof(REAL));
 	if (!g->storage) { return fail("out of memory"); }
 	SIM(load_theta)(c, s->offline);
-	const int status = KOOP(guard_init)(&g->guard, &config, &c->mpc, c->theta, g->storage, reals);
+	const int status = KOOP(supervisor_init)(&g->supervisor, &config, &c->mpc, c->theta, g->storage, reals);
 	if (status != KOOP_OK) {
 		free(g->storage);
-		return fail("guard: %s", KOOP(status_message)(status));
+		return fail("supervisor: %s", KOOP(status_message)(status));
 	}
 	return TK_OK;
 }
@@ -131,19 +131,21 @@ static int SIM(solve_elsewhere)(SIM(estimator) * e, const SIM(controller) * c, c
 }
 
 static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr *robot, size_t steps,
-                        const double *reference, int learn, const tk_guard_settings *guard,
+                        const double *reference, int learn, const tk_supervisor_settings *supervisor,
                         const tk_control_trace *trace) {
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors, H = settings->horizon;
 	SIM(controller) c;
-	SIM(guarded) g;
+	SIM(supervised) g;
 	double x[3];
 	size_t snapshot = 0;
 	if (e->rls.config.dictionary->n_states != 3 || d != N + 2) {
 		return fail("control: the dictionary is not one of the differential-drive robot");
 	}
-	if (guard && settings->solver) { return fail("control: the guard works with the library's solver only"); }
+	if (supervisor && settings->solver) {
+		return fail("control: the supervisor works only with the library's own solver");
+	}
 	if (SIM(controller_open)(&c, settings, N) != TK_OK) { return TK_ERROR; }
-	if (SIM(guard_open)(&g, &c, guard) != TK_OK) {
+	if (SIM(supervisor_open)(&g, &c, supervisor) != TK_OK) {
 		SIM(controller_close)(&c);
 		return TK_ERROR;
 	}
@@ -165,8 +167,9 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		int status = lifted;
 		if (lifted == KOOP_OK && settings->solver) {
 			status = SIM(solve_elsewhere)(e, &c, settings, reference + 3 * (k + 1));
-		} else if (lifted == KOOP_OK && guard) {
-			status = KOOP(guard_control)(&g.guard, &e->rls, &c.mpc, e->psi, c.reference, NULL, e->u, &result);
+		} else if (lifted == KOOP_OK && supervisor) {
+			status = KOOP(supervisor_control)(&g.supervisor, &e->rls, &c.mpc, e->psi, c.reference, NULL, e->u,
+			                                  &result);
 		} else if (lifted == KOOP_OK) {
 			status = KOOP(mpc_solve)(&c.mpc, e->rls.theta, e->psi, c.reference, NULL, e->u, &result);
 		}
@@ -178,8 +181,8 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		const int next = SIM(lift_one)(e, x, e->psi_next);
 		KOOP(health) health = {.innovation = (REAL)NAN};
 		if (learn && lifted == KOOP_OK && next == KOOP_OK) {
-			if (guard) {
-				KOOP(guard_update)(&g.guard, &e->rls, e->psi, e->u, e->psi_next, &health);
+			if (supervisor) {
+				KOOP(supervisor_update)(&g.supervisor, &e->rls, e->psi, e->u, e->psi_next, &health);
 			} else {
 				KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, &health);
 			}
@@ -195,8 +198,8 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		if (trace->iterations) { trace->iterations[k] = (int32_t)result.iterations; }
 		if (trace->solve_us) { trace->solve_us[k] = took; }
 		if (trace->innovation) { trace->innovation[k] = health.innovation; }
-		if (trace->model) { trace->model[k] = g.guard.model; }
-		if (trace->resets) { trace->resets[k] = (int32_t)g.guard.resets; }
+		if (trace->model) { trace->model[k] = g.supervisor.model; }
+		if (trace->resets) { trace->resets[k] = (int32_t)g.supervisor.resets; }
 	}
 	if (trace->x) { memcpy(trace->x + 3 * steps, x, sizeof x); }
 	free(g.storage);

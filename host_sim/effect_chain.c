@@ -64,7 +64,8 @@ static int check(const tk_effects *table, const tk_active *active, double dt) {
 	const tk_effect *effect = effect_by_name(table, active->effect);
 	if (!effect) { return fail("there is no effect named '%s'", active->effect ? active->effect : ""); }
 	if (!isfinite(active->t0) || isnan(active->t1)) {
-		return fail("%s: it acts from %g s to %g s, which is no time", effect->name, active->t0, active->t1);
+		return fail("%s: it acts from %g s to %g s; the end must be after the start", effect->name,
+		            active->t0, active->t1);
 	}
 	if (check_parameters(effect, active) != TK_OK) { return TK_ERROR; }
 	if (memory_of(effect, active, dt) > MOST_MEMORY) {

@@ -8,7 +8,7 @@
 #include "ddr.h"
 #include "message.h"
 #include "tinykoop.h"
-#include "tinykoop_guard.h"
+#include "tinykoop_supervisor.h"
 
 /* Whether M (d x d), of which the lower triangle is read and overwritten, has a
  * Cholesky factor in double. Column by column: no product waits for the one before. */
@@ -139,11 +139,11 @@ int tk_estimator_soak(tk_estimator *e, size_t steps, const double *zeta, const d
 
 int tk_control(tk_estimator *e, const tk_mpc_settings *mpc, const tk_active *effects, size_t n_effects,
                double dt, size_t steps, const double *x0, const double *reference, int learn,
-               const tk_guard_settings *guard, const tk_control_trace *trace) {
+               const tk_supervisor_settings *supervisor, const tk_control_trace *trace) {
 	ddr *robot = ddr_open(effects, n_effects, TK_EULER, dt, (double)steps * dt, x0);
 	if (!robot) { return TK_ERROR; }
-	const int status = e->f32 ? f32_control(e->f32, mpc, robot, steps, reference, learn, guard, trace)
-	                          : f64_control(e->f64, mpc, robot, steps, reference, learn, guard, trace);
+	const int status = e->f32 ? f32_control(e->f32, mpc, robot, steps, reference, learn, supervisor, trace)
+	                          : f64_control(e->f64, mpc, robot, steps, reference, learn, supervisor, trace);
 	ddr_free(robot);
 	return status;
 }

@@ -6,7 +6,7 @@
  * P = (P - K g') / lambda with g = P zeta, in full storage, as it is commonly
  * written in C++ and NumPy. K[i] g[j] and K[j] g[i] differ by round-off, nothing
  * in the recursion opposes that difference, and it grows as lambda^-k: the form
- * is here to show what comes of it, and nothing guards it. */
+ * is here to show what comes of it, and nothing protects it. */
 
 static size_t SIM(textbook_reals)(const KOOP(rls) *rls) {
 	return (rls->config.regulator->needs_information ? 2 : 1) * rls->n_regressors * rls->n_regressors_padded;
@@ -248,10 +248,9 @@ static void SIM(get_covariance)(const SIM(estimator) * e, double *P) {
 	const int factored = form == &KOOP(form_sqrt), symmetric = form != &SIM(form_textbook);
 	for (size_t i = 0; i < d * d; i++) { P[i] = 0; }
 	for (size_t k = 0; factored && k < d; k++) {
-		const REAL *S = e->rls.covariance;
 		for (size_t i = 0; i <= k; i++) {
-			const double a = S[KOOP_TRIANGLE_AT(k, i)];
-			for (size_t j = 0; j <= i; j++) { P[i * d + j] += a * (double)S[KOOP_TRIANGLE_AT(k, j)]; }
+			const double a = form->get(&e->rls, 0, k, i);
+			for (size_t j = 0; j <= i; j++) { P[i * d + j] += a * (double)form->get(&e->rls, 0, k, j); }
 		}
 	}
 	for (size_t i = 0; i < d; i++) {
@@ -341,7 +340,7 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 	const size_t n = e->rls.config.dictionary->n_states, m = e->rls.config.n_inputs;
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
 	/* the square-root form has to work out P's diagonal for it */
-	const int asks_health = trace->innovation || trace->gated || trace->trace || trace->min_diagonal;
+	const int asks_health = trace->innovation || trace->frozen || trace->trace || trace->min_diagonal;
 	int lifted = KOOP_E_INPUT; /* status of psi for the row at hand */
 	size_t snapshot = 0;
 
@@ -374,7 +373,7 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 		SIM(record_prediction)(e, k, predicted, x + (k + 1) * n, trace);
 		if (trace->innovation) { trace->innovation[k] = learned ? (double)health.innovation : (double)NAN; }
 		if (trace->status) { trace->status[k] = status; }
-		if (trace->gated) { trace->gated[k] = health.gated; }
+		if (trace->frozen) { trace->frozen[k] = health.frozen; }
 		if (trace->trace) { trace->trace[k] = health.trace; }
 		if (trace->min_diagonal) { trace->min_diagonal[k] = health.min_diagonal; }
 		if (trace->trust) { trace->trust[k] = e->gated ? KOOP(gate_trust)(&e->gate) : -1; }

@@ -104,7 +104,7 @@ static void begin(follower *f, size_t k) {
 static fwmav_signal signal_in(const follower *f, size_t tick, const observed *o) {
 	fwmav_signal signal = fwmav_signal_at(&f->effects, (double)tick * f->dt, f->dt);
 	const double *push = f->log->push ? f->log->push + 6 * (tick / f->ticks) : NULL;
-	signal.vibration = 0; /* where the beat stands, nobody knows */
+	signal.vibration = 0; /* the phase of the wing beat is unknown */
 	signal.beat = beat_held(&signal, 1 + o->lift);
 	memcpy(signal.servo, f->asked[tick], sizeof signal.servo);
 	for (size_t i = 0; i < 6; i++) { signal.turbulence[i] = o->air[i] + (push ? push[i] : 0); }

@@ -23,7 +23,7 @@ typedef struct quantity {
 #define ANGLE(name) {name, "rad", 1e7}           /* days of turning, without jumps at pi */
 #define RATE(name) {name, "rad/s", 1e4}          /* a turbine */
 #define ACCELERATION(name) {name, "m/s^2", 1e5}  /* a shot */
-#define COMMAND(name, unit) {name, unit, 1e7}    /* one's own platform may count it in something else */
+#define COMMAND(name, unit) {name, unit, 1e7}    /* your own platform may count it in something else */
 
 typedef struct platform {
 	const char *name;

@@ -1,6 +1,6 @@
 /* What the caller of lib/ has to set aside, from the macros of its headers. */
 #include "message.h"
-#include "tinykoop_guard.h"
+#include "tinykoop_supervisor.h"
 #include "tinykoop_sim.h"
 
 int tk_sizes(size_t N, size_t n, size_t m, size_t H, tk_storage *sizes) {
@@ -22,7 +22,7 @@ int tk_sizes(size_t N, size_t n, size_t m, size_t H, tk_storage *sizes) {
 	    .mpc_newton = KOOP_MPC_REALS_NEWTON(N, n, m, H),
 	    .mpc_gradient = KOOP_MPC_REALS_GRADIENT(N, n, m, H),
 	    .mpc_rate = KOOP_MPC_REALS_RATE(m, H),
-	    .guard = KOOP_GUARD_REALS(N, n, m, H),
+	    .supervisor = KOOP_SUPERVISOR_REALS(N, n, m, H),
 	    .model = N * (N + m),
 	};
 	return TK_OK;

@@ -119,7 +119,7 @@ typedef struct tk_noise {
 	const double *start;                        /* n: standard deviation of where a run of rows begins */
 	const double *C;                            /* c x n: channels of states */
 	const double *process, *process_rho;        /* r: standard deviation; correlation from row to row */
-	const double *coloured, *coloured_rho;      /* c: likewise */
+	const double *coloured, *coloured_rho;      /* c: the same */
 } tk_noise;
 
 /* The reference path, row by row, begun again in rows where `begins` is not 0: A (n x n) takes a deviation from it to
@@ -223,7 +223,7 @@ typedef struct tk_trace {
 	double *predicted;                /* n */
 	double *innovation;               /* norm over all lifted states */
 	int32_t *status;                  /* KOOP_OK or why the sample was refused; 1: not usable */
-	int32_t *gated;                   /* 1: P was left alone */
+	int32_t *frozen;                  /* 1: the regulator left P unchanged */
 	int32_t *positive_definite;       /* of P after the update, by a factorisation in double */
 	int32_t *trust;                   /* gate_trust() after the update; -1 without a gate */
 	double *trace, *min_diagonal;     /* of P, as the estimator reports them */
@@ -240,7 +240,7 @@ typedef struct tk_trace {
 TK_API int tk_replay(tk_estimator *estimator, size_t steps, const double *x, const double *u,
                      const int32_t *usable, int learn, const tk_trace *trace);
 
-/* The same recursion on regressors of one's own instead of a lifted log:
+/* The same recursion on your own regressors instead of a lifted log:
  * zeta (steps rows of N+m) and target (steps rows of N), `repeats` times over.
  * For soaks of millions of updates. */
 typedef struct tk_soak {
@@ -253,7 +253,7 @@ typedef struct tk_soak {
 TK_API int tk_estimator_soak(tk_estimator *estimator, size_t steps, const double *zeta, const double *target,
                              size_t repeats, tk_soak *result);
 
-/* ---- Control: Koopman-MPC on what is learned --------------------------------- */
+/* ---- Control: Koopman-MPC on the learned model --------------------------------- */
 
 typedef struct tk_mpc_settings {
 	size_t horizon;
@@ -275,24 +275,24 @@ typedef struct tk_control_trace {
 	int32_t *iterations;
 	double *solve_us;   /* condensing and solving, microseconds of wall time */
 	double *innovation; /* norm over all lifted states; NaN where nothing was learned */
-	int32_t *model;     /* guarded: KOOP_GUARD_..., what the input was planned on */
-	int32_t *resets;    /* guarded: how often the learner was started again so far */
+	int32_t *model;     /* supervised: KOOP_SUPERVISOR_..., what the input was planned on */
+	int32_t *resets;    /* supervised: how often the learner was started again so far */
 	size_t every;       /* as in tk_trace */
 	double *theta, *covariance;
 } tk_control_trace;
 
-/* The guard's settings; zeros mean the library's defaults. */
-typedef struct tk_guard_settings {
+/* The supervisor's settings; zeros mean the library's defaults. */
+typedef struct tk_supervisor_settings {
 	const double *offline; /* Theta, N x (N+2) */
 	double min_cosine, min_gain, max_gain, max_error_ratio, max_residual, max_tracking_ratio;
 	size_t patience, renewal;
-} tk_guard_settings;
+} tk_supervisor_settings;
 
 /* Drives the robot along `reference` (steps + horizon + 1 rows of 3) from x0,
- * learning at every step if `learn`; under the guard unless `guard` is null. */
+ * learning at every step if `learn`; under the supervisor unless `supervisor` is null. */
 TK_API int tk_control(tk_estimator *estimator, const tk_mpc_settings *mpc, const tk_active *effects,
                       size_t n_effects, double dt, size_t steps, const double *x0, const double *reference,
-                      int learn, const tk_guard_settings *guard, const tk_control_trace *trace);
+                      int learn, const tk_supervisor_settings *supervisor, const tk_control_trace *trace);
 
 /* The controller by itself, for problems that were written down. */
 typedef struct tk_controller tk_controller;
@@ -340,11 +340,11 @@ TK_API int tk_log_write(const char *path, const char *platform, size_t rows, dou
 /* ---- Sizes of the library's storage ----------------------------------------- */
 
 /* Numbers of reals, for N lifted states of which n are the state itself, m inputs
- * and a horizon of H steps: the macros of tinykoop.h and tinykoop_guard.h. */
+ * and a horizon of H steps: the macros of tinykoop.h and tinykoop_supervisor.h. */
 typedef struct tk_storage {
 	size_t learner_sqrt, learner_plain, gate_sqrt, gate_plain;
 	size_t mpc_newton, mpc_gradient, mpc_rate; /* mpc_rate: on top, with an input-rate penalty */
-	size_t guard;
+	size_t supervisor;
 	size_t model; /* Theta, as stored for firmware, without its header */
 } tk_storage;
 

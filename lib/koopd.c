@@ -12,10 +12,10 @@
 #define REAL_EPSILON DBL_EPSILON
 #define REAL_DIGITS DBL_MANT_DIG
 #define REAL_BIAS (DBL_MAX_EXP - 1)
-#define OUTER_WIDTH 12        /* columns updated at a time: what fits six 16-byte registers */
+#define OUTER_WIDTH 12        /* columns updated at a time: they fill six 16-byte registers */
 #define MPC_TOLERANCE 1e-9    /* of the KKT residual, by default */
-#define SPLIT 0               /* no sum is kept in two parts */
-#define ANGLE_MOST 1073741824 /* rad; beyond, quarter turns are no longer counted in 32 bits */
+#define SPLIT 0               /* sums are not compensated */
+#define ANGLE_MAX 1073741824  /* rad; beyond it, the number of quarter turns exceeds 32 bits */
 #define MATH(function) function
 #define KOOP(name) koopd_##name
 

@@ -12,10 +12,10 @@
 #define REAL_EPSILON FLT_EPSILON
 #define REAL_DIGITS FLT_MANT_DIG
 #define REAL_BIAS (FLT_MAX_EXP - 1)
-#define OUTER_WIDTH 24      /* columns updated at a time: what fits six 16-byte registers */
+#define OUTER_WIDTH 24      /* columns updated at a time: they fill six 16-byte registers */
 #define MPC_TOLERANCE 1e-5f /* of the KKT residual, by default */
-#define SPLIT 4097          /* 2^12 + 1 splits a mantissa in two: for sums in two parts */
-#define ANGLE_MOST 1048576  /* rad; beyond, neighbours are 1/8 rad apart */
+#define SPLIT 4097          /* 2^12 + 1 splits a mantissa in two halves, for compensated sums */
+#define ANGLE_MAX 1048576   /* rad; beyond it, adjacent floats are 1/8 rad apart */
 #define MATH(function) function##f
 #define KOOP(name) koopf_##name
 

@@ -20,8 +20,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LIB = ROOT / "lib"
 PRECISIONS = (("float32", "KOOP_NO_FLOAT", "koopf"), ("float64", "KOOP_NO_DOUBLE", "koopd"))
-UNITS = ("", "_guard")  # of each precision: koopf.c and koopf_guard.c
-HEADERS = ("tinykoop", "tinykoop_guard")
+UNITS = ("", "_supervisor")  # of each precision: koopf.c and koopf_supervisor.c
+HEADERS = ("tinykoop", "tinykoop_supervisor")
 TAB, COLUMNS = 4, 110
 
 COMMENT_OR_STRING = re.compile(r'/\*.*?\*/|"(?:\\.|[^"\\\n])*"', re.S)
@@ -38,7 +38,7 @@ FILE_TALK = (
         "both can be linked into one program.\n",
     ),
     (
-        "Optional: compile\n * lib/koopf_guard.c or lib/koopd_guard.c beside koopf.c or koopd.c.\n",
+        "Optional: compile\n * lib/koopf_supervisor.c or lib/koopd_supervisor.c beside koopf.c or koopd.c.\n",
         "Optional.\n",
     ),
 )
@@ -165,7 +165,7 @@ def expanded(text, macros, private, unit):
 
 
 def unit_text(precision, part, seen, enums):
-    """One unit of lib/ (koopf.c, koopd_guard.c, ...) in plain C; enumerations go to `enums`, once for all."""
+    """One unit of lib/ (koopf.c, koopd_supervisor.c, ...) in plain C; enumerations go to `enums`, once for all."""
     unit = f"koop{precision[-1]}{part}"
     source = (LIB / f"{unit}.c").read_text()
     seen.update(re.findall(r"^#include (<.*>)$", source, re.M))
@@ -205,7 +205,7 @@ def banner(text):
 
 
 def api_text(name, precision):
-    """The interface of tinykoop_api.h or tinykoop_guard_api.h in one precision."""
+    """The interface of tinykoop_api.h or tinykoop_supervisor_api.h in one precision."""
     text = (LIB / f"include/{name}.h").read_text()
     text = text[text.index("*/") + 2 :].strip("\n") + "\n"
     return expanded(text, ("float" if precision == "koopf" else "double", "", precision), (), precision)
@@ -215,7 +215,7 @@ def header_parts(name):
     """Opening comment and what both precisions share of a public header."""
     text = (LIB / f"include/{name}.h").read_text()
     for old, new in FILE_TALK:
-        if name == ("tinykoop_guard" if "guard" in old else "tinykoop"):
+        if name == ("tinykoop_supervisor" if "supervisor" in old else "tinykoop"):
             if old not in text:
                 raise Surprise(f"{name}.h no longer says '{old.split(' ')[0]} ...' of the files: mend FILE_TALK")
             text = text.replace(old, new)
@@ -226,9 +226,9 @@ def header_parts(name):
 
 def header(about):
     """tinykoop.h"""
-    (intro, shared), (guard_intro, guard_shared) = map(header_parts, HEADERS)
+    (intro, shared), (supervisor_intro, supervisor_shared) = map(header_parts, HEADERS)
     out = [about, intro + "\n", "#ifndef TINYKOOP_H\n#define TINYKOOP_H\n", NOTHING_LEFT]
-    out += ["#include <stddef.h>\n#include <stdint.h>\n", CPP_OPEN, shared, guard_intro + "\n", guard_shared]
+    out += ["#include <stddef.h>\n#include <stdint.h>\n", CPP_OPEN, shared, supervisor_intro + "\n", supervisor_shared]
     for title, without, precision in PRECISIONS:
         out += [banner(title), f"#ifndef {without}\n"]
         out += [api_text(f"{name}_api", precision) for name in HEADERS]

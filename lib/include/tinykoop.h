@@ -10,7 +10,8 @@
  * called the paper.
  *
  * Sizes:  n  states,  N  lifted states,  m  inputs,  d = N + m  regressors.
- * Matrices are stored row by row. psi, x and u have the units of your robot.
+ * Matrices are stored row by row. psi, x and u have the units of your robot. A "real" is a float
+ * or a double.
  *
  * Every name exists twice, from one source: koopf_ works in float, koopd_ in
  * double, and both can be linked into one program. Compile lib/koopf.c,
@@ -72,7 +73,7 @@ enum {
  * square-root form cannot lose it: there the check costs nothing and the three settings
  * are the same. */
 enum {
-	KOOP_CHECK_REFUSE = 0,  /* factor P at every update and refuse the sample that breaks it */
+	KOOP_CHECK_REFUSE = 0,  /* factor P at every update; refuse a sample after which P is not positive definite */
 	KOOP_CHECK_REPORT = 1,  /* factor P, report the loss in the health, and continue as the paper's recursion does */
 	KOOP_CHECK_DIAGONAL = 2 /* refuse only if a diagonal element is not positive; no factoring */
 };
@@ -80,10 +81,10 @@ enum {
 /* Result of gate_trust(). */
 enum { KOOP_TRUSTED = 0, KOOP_DOUBTFUL = 1, KOOP_REFUSE = 2 };
 
-/* Sums over words of memory, by which a flipped bit is found and repaired. */
+/* Checksum of words of memory that locates a flipped bit, so that it can be repaired. */
 typedef struct koop_checksum {
-	uint64_t words;  /* sum of the words */
-	uint64_t places; /* sum of each word times its distance from the end */
+	uint64_t words;    /* sum of the words */
+	uint64_t weighted; /* sum of each word times its distance from the end */
 } koop_checksum;
 
 /* Number of reals of the caller's storage, for static arrays:
@@ -94,12 +95,10 @@ typedef struct koop_checksum {
  * with any regulator and any check. rls_reals() returns the exact number, which
  * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL.
  *
- * Of symmetric and triangular matrices half is stored, in tiles of 4 x 4. The plain
- * form's P is stored in full on processors with vector registers. */
+ * Only half of a symmetric or triangular matrix is stored, in tiles of 4 x 4. On processors
+ * with vector registers, the P of the plain form is stored in full. */
 #define KOOP_PAD(k) (((size_t)(k) + 3u) / 4u * 4u)
 #define KOOP_TRIANGLE(d) (KOOP_PAD(d) * (KOOP_PAD(d) + 4u) / 2u)
-#define KOOP_TRIANGLE_AT(i, j) /* index of element (i, j), j <= i */                                         \
-	((i) / 4u * ((i) / 4u + 1u) * 8u + (size_t)(j) / 4u * 16u + (i) % 4u * 4u + (j) % 4u)
 #ifndef KOOP_VECTORS
 #if defined(__SSE2__) || defined(__ARM_NEON) || defined(__ARM_FEATURE_MVE) || defined(__riscv_vector)
 #define KOOP_VECTORS 1
@@ -120,10 +119,9 @@ typedef struct koop_checksum {
 #define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 3u * (size_t)(N))
 #define KOOP_GATE_REALS_PLAIN(N, m) (KOOP_RLS_REALS_PLAIN(N, m) + 3u * (size_t)(N))
 
-/* Model predictive control: the limits are fixed at compile time and bound the
- * worst case of a solve. It takes at most MAX_NEWTON steps with KOOP_MPC_NEWTON and
- * MAX_GRADIENT steps with KOOP_MPC_GRADIENT. Define KOOP_MPC_MAX_GRADIENT smaller
- * where the control period is short. */
+/* Model predictive control. These limits are fixed at compile time, and bound the worst
+ * case of a solve: MAX_NEWTON steps with KOOP_MPC_NEWTON, MAX_GRADIENT steps with
+ * KOOP_MPC_GRADIENT. Define a smaller KOOP_MPC_MAX_GRADIENT if the control period is short. */
 #define KOOP_MPC_MAX_HORIZON 1000 /* largest accepted H */
 #define KOOP_MPC_MAX_INPUTS 65535 /* largest accepted H m: the size of the storage then fits 32 bits */
 #define KOOP_MPC_MAX_NEWTON 100

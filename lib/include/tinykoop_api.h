@@ -1,7 +1,7 @@
-/* The interface of TinyKoop in one precision. Included by tinykoop.h, once for
- * float (koopf_) and once for double (koopd_): include that, not this. */
+/* The interface of TinyKoop in one precision. tinykoop.h includes this file once for float (koopf_) and once for
+ * double (koopd_). Include tinykoop.h instead. */
 
-/* Message for a status: static text of one line, never null. An unknown status has a message too. */
+/* Returns the message of a status: a static text of one line, never null. An unknown status has a message too. */
 const char *KOOP(status_message)(int status);
 
 /* Checks at run time that arithmetic is that of IEEE 754, with NaN and rounding to nearest. Call it once at
@@ -150,7 +150,7 @@ typedef struct KOOP(health) {
 	KOOP_REAL innovation;   /* |psi_next - Theta zeta| before the update, in units of psi */
 	KOOP_REAL trace;        /* trace of P; infinite if it does not fit this precision */
 	KOOP_REAL min_diagonal; /* smallest diagonal element of P */
-	int gated;              /* 1: the regulator left P unchanged */
+	int frozen;             /* 1: the regulator left P unchanged */
 	int positive_definite;  /* 0: P is not positive definite, or the sample was refused because P would not be */
 	int finite;             /* 0: the sample or the result was not finite, and the sample was refused */
 	int short_memory;       /* 1: 1 / (1 - lambda) samples are fewer than the d unknowns of a row of Theta */
@@ -158,7 +158,8 @@ typedef struct KOOP(health) {
 } KOOP(health);
 
 /* The estimator. The caller owns it and its storage. Treat the fields as private unless you write a
- * regulator or a form; `theta`, for rls_copy_theta(), mpc_solve() and guard_init(), and `mended` are to be read. */
+ * regulator or a form. `repaired` is to be read, and so is `theta`, for rls_copy_theta(), mpc_solve() and
+ * supervisor_init(). */
 typedef struct KOOP(rls) {
 	KOOP(config) config;
 	size_t n_lifted;            /* N */
@@ -180,7 +181,7 @@ typedef struct KOOP(rls) {
 	size_t mirrored;            /* plain form: the row that was made symmetric last */
 	int short_memory;           /* as in the health: a warning, known after rls_init() */
 	koop_checksum sum;          /* of theta, the stored P, and the three numbers above */
-	size_t mended;              /* number of flipped bits that were found and repaired */
+	size_t repaired;            /* number of flipped bits that were found and repaired */
 } KOOP(rls);
 
 /* Number of reals of storage that rls_init() needs for this configuration.
@@ -199,13 +200,13 @@ int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storag
  * result would not be finite. KOOP_E_INDEFINITE: P would lose positive definiteness. KOOP_E_MEMORY: see
  * rls_check().
  *
- * If KOOP_E_INDEFINITE or KOOP_E_OVERFLOW persists, call rls_reset_covariance(). That keeps Theta: if a huge but
+ * If KOOP_E_INDEFINITE or KOOP_E_OVERFLOW persists, call rls_reset_covariance(), which keeps Theta. If a huge but
  * finite sample has corrupted Theta, load a model as well. The gate below does both, and refuses outliers. */
 int KOOP(rls_update)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, const KOOP_REAL *psi_next,
                      KOOP(health) *health);
 
 /* Verifies that Theta and P are, bit for bit, as the last call left them. Every update does this first. A single
- * flipped bit is repaired, and counted in rls.mended.
+ * flipped bit is repaired, and counted in rls.repaired.
  * KOOP_E_MEMORY: more bits have flipped; load a model and reset P. KOOP_E_RANGE: config.checksum is 0. */
 int KOOP(rls_check)(KOOP(rls) *rls);
 
@@ -214,7 +215,8 @@ int KOOP(rls_check)(KOOP(rls) *rls);
 int KOOP(rls_predict)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, KOOP_REAL *psi_next);
 
 /* Resets P to p0 I and keeps Theta. KOOP_E_RANGE: p0 is below FLT_MIN or DBL_MIN, or above half of the largest
- * real. Not while the model controls the robot: with a large P a few samples rewrite the model. */
+ * real. Do not call it while the model controls the robot: with a large P a few samples change the model
+ * entirely. */
 int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
 
 /* Copies Theta out, N rows of d. */
@@ -227,8 +229,8 @@ int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
  * KOOP_E_INPUT: an element is not finite. */
 int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
-/* Copies P out, d rows of d. KOOP_E_OVERFLOW: an element of P does not fit this precision (in the square-root
- * form its root still does); it is then written as infinity. */
+/* Copies P out, d rows of d. KOOP_E_OVERFLOW: an element of P does not fit this precision, and is written as
+ * infinity. This can occur in the square-root form, whose root still fits. */
 int KOOP(rls_get_covariance)(const KOOP(rls) *rls, KOOP_REAL *covariance);
 
 /* ---- Gate ------------------------------------------------------------------- */
@@ -242,7 +244,7 @@ typedef struct KOOP(gate_config) {
 	KOOP_REAL floor;
 	/* The gate reopens after this many net rejections, rejected minus accepted (5). */
 	size_t patience;
-	/* Number of samples until a change is accepted as permanent (1000). A shorter fault leaves no trace. */
+	/* Number of samples until a change is accepted as permanent (1000). The effect of a shorter fault is undone. */
 	size_t hold;
 } KOOP(gate_config);
 

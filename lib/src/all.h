@@ -1,5 +1,5 @@
-/* The sources of TinyKoop in the order in which they build on each other.
- * koopf.c and koopd.c include this with `real`, MATH and KOOP defined. */
+/* The sources of TinyKoop, each after those that it uses.
+ * koopf.c and koopd.c define `real`, MATH and KOOP, and include this file. */
 #include "strict.h"
 #include "attributes.h"
 

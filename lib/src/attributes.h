@@ -1,7 +1,7 @@
-/* What a compiler is told of a function. */
+/* Function attributes for the compiler. */
 
-/* Where a compiler would merge functions, and with them their stack, or make a copy
- * for a constant argument that it then spoils. */
+/* Prevents inlining and cloning. Inlining would add up the stacks of merged functions, and a clone for a
+ * constant argument is slower here. */
 #if defined(__clang__)
 #define OUT_OF_LINE __attribute__((noinline))
 #elif defined(__GNUC__)
@@ -10,15 +10,15 @@
 #define OUT_OF_LINE
 #endif
 
-/* Of sums in two parts: a product that is rounded must be so everywhere. GCC makes a * b + c one operation where
- * the processor has it, but for -std=c99; Clang is told for all of a file (strict.h). */
+/* For compensated sums: every product must be rounded. GCC contracts a * b + c into one operation if the
+ * processor has it, unless it gets -std=c99. For Clang, strict.h turns contraction off for the whole file. */
 #if defined(__GNUC__) && !defined(__clang__)
 #define UNCONTRACTED __attribute__((optimize("fp-contract=off")))
 #else
 #define UNCONTRACTED
 #endif
 
-/* COLD: run once, or seldom. INLINE: part of a kernel. */
+/* COLD: called once or rarely. INLINE: part of a kernel. */
 #if defined(__GNUC__)
 #define COLD __attribute__((cold))
 #define INLINE inline __attribute__((always_inline))

@@ -1,20 +1,19 @@
-/* The paper's quadratic program, condensed on Theta = [A B] again at every step.
- * Paper, section "Koopman-MPC with Online Learning".
+/* The paper's quadratic program, condensed with the present Theta = [A B] at every step. Paper, section
+ * "Koopman-MPC with Online Learning".
  *
- * Time runs backwards: of the inputs v and of the predicted states the last of
- * the horizon stands first. With the Markov parameters G[k] = C A^k B side by
- * side in one row for each state, every sum of the condensed problem then runs
- * over a window that moves along a row:
+ * Time runs backwards: the inputs v and the predicted states are stored with the last step of the horizon
+ * first. The Markov parameters G[k] = C A^k B of a state are stored in one row. Every sum of the condensed
+ * problem then runs over a window that moves along a row:
  *
  *     x[b]  = free[b] + sum over c of G[c] v[b + c]
  *     T' w[a] = sum over b <= a of G[a - b]' w[b]
  *     H[a, b] = H[a - 1, b - 1] + G[a]' Q G[b]
  */
 
-/* Windows are worked by eight: arrays that they run over are padded to that. */
+/* Windows are processed eight elements at a time, and their arrays are padded to multiples of eight. */
 #define WINDOW KOOP_MPC_WINDOW
 
-/* For a function that is to be compiled as if its callers could be anyone. */
+/* Compiles a function without knowledge of its callers. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ >= 8
 #define UNKNOWN_CALLERS __attribute__((noipa))
 #else
@@ -28,15 +27,15 @@ static size_t padded(size_t k) {
 #define WINDOW_ADD(lane) s##lane += a * x[lane];
 #define WINDOW_BEGIN(lane) real s##lane = y[lane];
 #define WINDOW_END(lane) y[lane] = s##lane;
-/* four steps at once: eleven elements of x are loaded, not thirty-two */
+/* four steps at once: 11 elements of x are loaded instead of 32 */
 #define WINDOW_FOUR(lane, next1, next2, next3)                                                               \
 	s##lane += a0 * x##lane;                                                                                 \
 	s##lane += a1 * x##next1;                                                                                \
 	s##lane += a2 * x##next2;                                                                                \
 	s##lane += a3 * x##next3;
 
-/* y[0..7] += sum over k of g[k] x[k..k+7]. `dx` is 1; a compiler that knew would not load
- * what the window before has loaded, and so not have vectors. */
+/* y[0..7] += sum over k of g[k] x[k..k+7]. `dx` is 1. A compiler that knew this would reuse the elements of
+ * the previous window, and would not vectorise. */
 OUT_OF_LINE static UNKNOWN_CALLERS void add_windows(real *restrict y, const real *g, const real *x, size_t dx,
                                                     size_t n) {
 	LANES_8(WINDOW_BEGIN)
@@ -64,19 +63,18 @@ OUT_OF_LINE static UNKNOWN_CALLERS void add_windows(real *restrict y, const real
 	LANES_8(WINDOW_END)
 }
 
-/* y[b] += sum over c of g[c] x[b + c], all of n steps; y is padded, x goes on with eight
- * zeros */
+/* y[b] += sum over c of g[c] x[b + c], over n steps. y is padded, and x ends with eight zeros. */
 static void correlate(real *y, const real *g, const real *x, size_t n) {
 	for (size_t b = 0; b < n; b += WINDOW) { add_windows(y + b, g, x + b, 1, n - b); }
 }
 
-/* What input j does to state i, step by step: element (i, j) of C A^k B, k = 0..H-1. */
+/* Impulse response of state i to input j: element (i, j) of C A^k B, k = 0..H-1. */
 static real *markov_row(const KOOP(mpc) *mpc, size_t i, size_t j) {
 	return mpc->markov + (i * mpc->config.n_inputs + j) * mpc->config.horizon;
 }
 
-/* sum + rest = sum + rest + a x, with `rest` for what rounding takes away: Dekker's
- * product and Knuth's sum. */
+/* sum + rest = sum + rest + a x, where `rest` collects the rounding errors: Dekker's product and Knuth's sum.
+ */
 static UNCONTRACTED void add_product(real *sum, real *rest, real a, real x) {
 #if SPLIT > 0
 	const real split_a = SPLIT * a, split_x = SPLIT * x, product = a * x;
@@ -92,9 +90,10 @@ static UNCONTRACTED void add_product(real *sum, real *rest, real a, real x) {
 #endif
 }
 
-/* change = A psi - psi. A robot's position is large against the way it goes in one
- * step, and a plan sees only the latter: in float32 the sum is kept in two parts. */
-static UNCONTRACTED void first_change(const real *theta, const real *psi, size_t N, real *change, real *rest) {
+/* change = A psi - psi. A robot's position is large compared with its motion in one step, and the plan
+ * depends on the motion. In float32 the sum is therefore compensated. */
+static UNCONTRACTED void first_change(const real *theta, const real *psi, size_t N, real *change,
+                                      real *rest) {
 	for (size_t i = 0; i < N; i++) {
 		change[i] = -psi[i];
 		rest[i] = 0;
@@ -127,8 +126,8 @@ static void step_all(real *next, const real *A, const real *now, size_t N, size_
 	}
 #define STEP_END(lane) y[i + lane] = p##lane, y[second + i + lane] = q##lane, y[third + i + lane] = r##lane;
 
-/* y = A x for the three vectors at 0, `second` and `third` of x and y: an element of A is
- * loaded once for three. */
+/* y = A x for the three vectors at 0, `second` and `third` of x and y: each element of A is loaded once for
+ * all three. */
 OUT_OF_LINE static void step_three(real *restrict y, const real *A, const real *x, size_t N, size_t second,
                                    size_t third) {
 	const size_t rows = KOOP_PAD(N);
@@ -153,8 +152,8 @@ static void step_all(real *next, const real *A, const real *now, size_t N, size_
 
 #endif
 
-/* Markov parameters and free response less the reference, one pass of A over
- * m + 1 vectors. The free response is followed as its change from psi. */
+/* Computes the Markov parameters, and the free response minus the reference: A is applied to m + 1 vectors
+ * per step. The free response is computed as its change from psi. */
 static void predict(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t N = c->n_lifted, n = c->n_states, m = c->n_inputs, H = c->horizon, rows = KOOP_PAD(N);
@@ -182,7 +181,7 @@ static void predict(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 static void add_prediction(KOOP(mpc) *mpc, const real *v) {
 	const size_t m = mpc->config.n_inputs, H = mpc->config.horizon;
 	for (size_t j = 0; j < m; j++) {
-		real *input = mpc->work; /* over time, and zeros */
+		real *input = mpc->work; /* input j over time, and zeros */
 		for (size_t a = 0; a < H; a++) { input[a] = v[a * m + j]; }
 		for (size_t a = H; a < H + WINDOW; a++) { input[a] = 0; }
 		for (size_t i = 0; i < mpc->config.n_states; i++) {
@@ -191,8 +190,7 @@ static void add_prediction(KOOP(mpc) *mpc, const real *v) {
 	}
 }
 
-/* out += T' Q state; destroys the state. With time forwards this is a sum like the
- * prediction. */
+/* out += T' Q state; overwrites the state. With time forwards this is a sum like the prediction. */
 static void add_adjoint(KOOP(mpc) *mpc, real *out) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon, rows = H + WINDOW;
@@ -213,7 +211,7 @@ static void add_adjoint(KOOP(mpc) *mpc, real *out) {
 	}
 }
 
-/* out = H v without the part of the states: R, and S between neighbours */
+/* out = the part of H v that does not depend on the states: R, and S between consecutive inputs */
 static void multiply_weights(const KOOP(mpc) *mpc, const real *v, real *out) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, V = c->horizon * m;
@@ -239,8 +237,7 @@ static void multiply_hessian(KOOP(mpc) *mpc, const real *v, real *out) {
 	add_adjoint(mpc, out);
 }
 
-/* The largest step that a gradient step scaled by the diagonal would make inside
- * the box, in units of the inputs. */
+/* The largest change of an input, inside the limits, by a gradient step scaled by the Hessian's diagonal. */
 static real kkt_residual(const KOOP(mpc) *mpc, const real *v, const real *gradient) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs;
@@ -252,8 +249,8 @@ static real kkt_residual(const KOOP(mpc) *mpc, const real *v, const real *gradie
 	return residual;
 }
 
-/* Gradient of half the cost at v, and the KKT residual. The states' errors are
- * formed first: where the plan tracks well they are small, and so is their round-off. */
+/* Computes the gradient of half the cost at v; returns the KKT residual. The tracking errors are computed
+ * first: if the plan tracks well they are small, and so is their round-off. */
 static real evaluate(KOOP(mpc) *mpc, const real *v, real *gradient) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, H = c->horizon, V = H * m;
@@ -265,7 +262,7 @@ static real evaluate(KOOP(mpc) *mpc, const real *v, real *gradient) {
 	return kkt_residual(mpc, v, gradient);
 }
 
-/* out[a] = G' Q G of input j at step a */
+/* out[a] = G' Q G for input j at step a */
 static void response_weights(KOOP(mpc) *mpc, size_t j, real *out) {
 	const size_t n = mpc->config.n_states, H = mpc->config.horizon;
 	real *weighted = mpc->trial_gradient;
@@ -280,7 +277,7 @@ static void response_weights(KOOP(mpc) *mpc, size_t j, real *out) {
 	}
 }
 
-/* Condenses: Markov parameters, free response, diagonal of the Hessian. */
+/* Condenses the problem: Markov parameters, free response, diagonal of the Hessian. */
 OUT_OF_LINE static int condense(KOOP(mpc) *mpc, const real *theta, const real *psi, const real *reference,
                                 const real *u_before) {
 	const KOOP(mpc_config) *c = &mpc->config;

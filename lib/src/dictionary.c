@@ -1,4 +1,4 @@
-/* What every dictionary is checked for, and what several of them use. */
+/* Checks of every dictionary, and parts that several of them share. */
 
 static int dictionary_check(const KOOP(dictionary) *dictionary) {
 	if (!dictionary || !dictionary->lift || !dictionary->name) { return KOOP_E_NULL; }
@@ -19,8 +19,8 @@ int KOOP(lift)(const KOOP(dictionary) *dictionary, const real *x, real *psi) {
 	return all_finite(psi, dictionary->n_lifted) ? KOOP_OK : KOOP_E_OVERFLOW;
 }
 
-/* out[4 i + j] = exp(-|(a, b) - (center[i], center[j])|^2 / (2 sigma^2)): a
- * Gaussian of two coordinates is a product of two, so 8 exponentials make 16. */
+/* out[4 i + j] = exp(-|(a, b) - (center[i], center[j])|^2 / (2 sigma^2)). A Gaussian of two coordinates is
+ * the product of two Gaussians of one, so 8 exponentials give 16 functions. */
 static void gaussian_grid_4x4(real a, real b, const real *center, real sigma, real *out) {
 	const real factor = 1 / (2 * sigma * sigma);
 	real along_a[4], along_b[4];

@@ -1,19 +1,18 @@
 /* Dictionaries of the flapping-wing MAV,
  * x = [gx gy gz (rad/s), ax ay az (m/s^2), pitch roll yaw (rad), yaw rate (rad/s)].
  *
- * The paper names Poly and RBF but defines neither for this vehicle. Chosen:
+ * The paper names Poly and RBF but defines neither for this vehicle. This is our choice:
  *
- * - sin and cos of pitch and roll in both: gravity enters the accelerometer
- *   through them. Nothing of yaw: dynamics do not depend on heading.
- * - poly adds squares and products of the body rates: the gyroscopic torques of
- *   Euler's equations and, to first order, the rate-squared part of wing drag.
- * - rbf adds Gaussians of (pitch, roll), the slow pair that tells flight regimes
- *   apart, as the DDR's are Gaussians of position. Rates shake with every wing
- *   beat and would make Gaussians of them noise. The grid covers +-0.6 rad,
- *   beyond which such vehicles do not return from hover or slow flight, and
- *   sigma is 3/4 of the spacing as in the DDR's.
+ * - Both have sin and cos of pitch and roll, through which gravity enters the accelerometer. Neither has a
+ *   function of yaw, since the dynamics do not depend on heading.
+ * - poly adds squares and products of the body rates: the gyroscopic torques of Euler's equations and, to
+ * first order, the part of the wing drag that is quadratic in the rates.
+ * - rbf adds Gaussians of (pitch, roll), the slow pair that distinguishes flight regimes; the Gaussians of
+ * the DDR are functions of position. The body rates oscillate with every wing beat, so that Gaussians of the
+ * rates would be noise. The grid covers +-0.6 rad: beyond it such vehicles do not recover from hover or slow
+ * flight. sigma is 3/4 of the spacing, as for the DDR.
  *
- * The regressor has no constant: cos(pitch) and cos(roll) stand in for it. */
+ * The regressor has no constant term: cos(pitch) and cos(roll) replace it. */
 
 static void lift_gravity(const real *x, real *out) {
 	KOOP(angle) pitch, roll;

@@ -1,20 +1,20 @@
-/* exp, sine and cosine: the library's own, for the same bits wherever arithmetic is that of IEEE 754. libm's
- * differ in the last bit from one machine to the next, and a closed loop makes more of that.
+/* The library's own exp, sine and cosine. They give the same bits wherever arithmetic is that of IEEE 754.
+ * Those of libm differ between machines in the last bit, and a closed loop amplifies the difference.
  *
- * Multiples of ln 2 or pi / 2 are taken away, and what is left goes into Taylor's series, so far that the
- * first term left out is less than a tenth of a rounding. */
+ * The argument is reduced by multiples of ln 2 or pi / 2. The remainder goes into a Taylor series whose first
+ * omitted term is below a tenth of the rounding error. */
 
 #include <string.h>
 
-/* ln 2 and pi / 2 cut into parts, all but the last so short that k times one is exact: for every k of an
- * exponent, and for quarter turns up to 10^4 rad in float, 10^6 rad in double. */
+/* ln 2 and pi / 2 as sums of parts. All parts but the last have so few bits that k times a part is exact: for
+ * every exponent k, and for quarter turns up to 10^4 rad in float, 10^6 rad in double. */
 #if REAL_DIGITS == 24
 #define EXP_TERMS 6
 #define SINE_TERMS 4
 #define LN2 (real)0.693145751953125, (real)1.4286068203094172e-6
 #define QUARTER_TURN                                                                                         \
 	(real)1.5703125, (real)4.8375129699707031e-4, (real)7.5495336204767227e-8, (real)2.5633441515945189e-12
-#define QUARTER_TURN_REST -(real)4.3711390001862428e-8 /* pi / 2 less the real next to it */
+#define QUARTER_TURN_REST -(real)4.3711390001862428e-8 /* pi / 2 minus its rounded value */
 #else
 #define EXP_TERMS 12
 #define SINE_TERMS 8
@@ -25,24 +25,24 @@
 
 static INLINE real inverse_factorial(size_t n) {
 	static const real from_2[] = {
-	    (real)1 / 2,
-	    (real)1 / 6,
-	    (real)1 / 24,
-	    (real)1 / 120,
-	    (real)1 / 720,
-	    (real)1 / 5040,
-	    (real)1 / 40320,
-	    (real)1 / 362880,
-	    (real)1 / 3628800,
+		(real)1 / 2,
+		(real)1 / 6,
+		(real)1 / 24,
+		(real)1 / 120,
+		(real)1 / 720,
+		(real)1 / 5040,
+		(real)1 / 40320,
+		(real)1 / 362880,
+		(real)1 / 3628800,
 #if REAL_DIGITS > 24
-	    (real)1 / 39916800,
-	    (real)1 / 479001600,
-	    (real)1 / 6227020800,
-	    (real)1 / 87178291200,
-	    (real)1 / 1307674368000,
-	    (real)1 / 20922789888000,
-	    (real)1 / 355687428096000,
-	    (real)1 / 6402373705728000,
+		(real)1 / 39916800,
+		(real)1 / 479001600,
+		(real)1 / 6227020800,
+		(real)1 / 87178291200,
+		(real)1 / 1307674368000,
+		(real)1 / 20922789888000,
+		(real)1 / 355687428096000,
+		(real)1 / 6402373705728000,
 #endif
 	};
 	return from_2[n - 2];
@@ -51,9 +51,9 @@ static INLINE real inverse_factorial(size_t n) {
 /* value = k ln 2 - (high + low), scale = 2^-k */
 static INLINE real exp_parts(real value, real *high, real *low) {
 	static const real ln2[] = {LN2};
-	const real most = REAL_BIAS * ln2[0], x = value < most ? value : most;
+	const real limit = REAL_BIAS * ln2[0], x = value < limit ? value : limit;
 	const int32_t k = (int32_t)(x * (real)1.4426950408889634 + (real)0.5);
-	/* for the largest k the bits of 0 */
+	/* the bits of 0 for the largest k */
 	const REAL_BITS bits = (REAL_BITS)(REAL_BIAS - k) << (REAL_DIGITS - 1);
 	real scale;
 	(void)memcpy(&scale, &bits, sizeof scale);
@@ -69,7 +69,7 @@ static INLINE real exp_parts(real value, real *high, real *low) {
 #define EXP_END(lane)                                                                                        \
 	x[lane] = (1 + (high##lane + (low##lane + rest##lane * rest##lane * sum##lane))) * scale##lane;
 
-/* x[0..3] = e^-x each, x >= 0; 0 where that is less than REAL_MIN / 2 */
+/* x[i] = exp(-x[i]) for four x[i] >= 0; 0 if the result is below REAL_MIN / 2 */
 static void exp_minus_four(real *x) {
 	LANES_4(EXP_BEGIN)
 	for (size_t n = 2 + EXP_TERMS; n-- > 2;) {
@@ -85,16 +85,16 @@ typedef struct KOOP(angle) {
 	uint32_t quarters; /* modulo 2^32 */
 } KOOP(angle);
 
-/* Beyond ANGLE_MOST it has no sine: NaN. */
+/* The remainder is NaN beyond ANGLE_MAX. */
 static void reduce(KOOP(angle) *angle, real x) {
 	static const real part_of_quarter[] = {QUARTER_TURN};
-	const int known = MATH(fabs)(x) <= ANGLE_MOST;
+	const int known = MATH(fabs)(x) <= ANGLE_MAX;
 	const int32_t quarters =
 	    known ? (int32_t)(x * (real)0.63661977236758134 + (x < 0 ? (real)-0.5 : (real)0.5)) : 0;
 	real rest = known ? x : (real)NAN, low = 0;
 	for (size_t i = 0; quarters && i < sizeof part_of_quarter / sizeof *part_of_quarter; i++) {
 		const real part = (real)quarters * part_of_quarter[i], next = rest - part;
-		low += (rest - next) - part; /* what the difference has lost */
+		low += (rest - next) - part; /* rounding error of the difference */
 		rest = next;
 	}
 	angle->rest = rest + low;
@@ -102,19 +102,19 @@ static void reduce(KOOP(angle) *angle, real x) {
 	angle->quarters = (uint32_t)quarters;
 }
 
-/* out = sine, cosine. The angle becomes that of the two as they are rounded. */
+/* out = sine, cosine. The angle becomes the angle of the rounded pair. */
 static void sine_cosine(KOOP(angle) *angle, real *out) {
-	const real x = angle->rest, low = angle->low, square = x * x, half = square / 2, most = 1 - half;
+	const real x = angle->rest, low = angle->low, square = x * x, half = square / 2, leading = 1 - half;
 	real of_sine = 0, of_cosine = 0;
 	for (size_t n = 3 + 2 * SINE_TERMS; n > 3;) {
 		n -= 2;
 		of_sine = inverse_factorial(n) - of_sine * square;
 		of_cosine = inverse_factorial(n + 1) - of_cosine * square;
 	}
-	const real sine_low = low * most - x * square * of_sine;
-	const real cosine_low = ((1 - most) - half) + (square * square * of_cosine - x * low);
-	const real sine = x + sine_low, cosine = most + cosine_low;
-	angle->low += sine * ((most - cosine) + cosine_low) - cosine * ((x - sine) + sine_low);
+	const real sine_low = low * leading - x * square * of_sine;
+	const real cosine_low = ((1 - leading) - half) + (square * square * of_cosine - x * low);
+	const real sine = x + sine_low, cosine = leading + cosine_low;
+	angle->low += sine * ((leading - cosine) + cosine_low) - cosine * ((x - sine) + sine_low);
 	const int odd = (angle->quarters & 1) != 0;
 	out[0] = odd ? cosine : sine;
 	out[1] = odd ? sine : cosine;
@@ -122,7 +122,7 @@ static void sine_cosine(KOOP(angle) *angle, real *out) {
 	if ((angle->quarters + 1) & 2) { out[1] = -out[1]; }
 }
 
-/* The angle in [-pi, pi]: after sine_cosine(), the atan2() of what that gave */
+/* The angle in [-pi, pi]. After sine_cosine() it is the atan2() of its results. */
 static real wrapped(const KOOP(angle) *angle) {
 	const real quarter = (real)1.5707963267948966;
 	const uint32_t quarters = angle->quarters & 3;

@@ -1,4 +1,4 @@
-/* Whether numbers are finite, by their bits: no compiler flag does away with that. */
+/* Tests whether a number is finite by its bits, so that no compiler flag can remove the test. */
 
 #include <string.h>
 

@@ -1,14 +1,14 @@
-/* P = scale * M with a symmetric M: forgetting then changes one number, not all of M.
- * Every update adds v v' to M, so P is symmetric bit for bit. The textbook's P - K (P zeta)' is not, and ends
- * in NaN from round-off alone.
+/* P = scale * M with a symmetric M: forgetting then changes one number instead of all of M. Every update adds
+ * a multiple of v v' to M, so P is symmetric bit for bit. The textbook's P - K (P zeta)' is not symmetric,
+ * and diverges to NaN from round-off alone.
  *
- * In storage: M, P^-1 for a regulator that needs it, and the check's scratch. */
+ * The storage holds M, P^-1 if the regulator needs it, and scratch for the check. */
 
 static size_t plain_size(const KOOP(rls) *rls) {
 	return KOOP_SYMMETRIC(rls->n_regressors);
 }
 
-/* Of the check. */
+/* Number of reals of scratch for the check. */
 static COLD size_t plain_scratch(const KOOP(rls) *rls) {
 	return rls->config.check != KOOP_CHECK_DIAGONAL ? KOOP_TRIANGLE(rls->n_regressors) : 0u;
 }
@@ -48,7 +48,7 @@ static GLUE real plain_information(KOOP(rls) *rls) {
 	return dot(rls->work, rls->zeta, rows);
 }
 
-/* What is to become of M: M + up up' + sign v v'. */
+/* A change of M: M + up up' + sign v v'. */
 typedef struct KOOP(change) {
 	const real *v;
 	const real *up; /* may be null */
@@ -60,22 +60,22 @@ static void change_all(const KOOP(change) *c, real *M, size_t rows) {
 	symmetric_add(M, c->sign, c->v, rows);
 }
 
-/* Smallest diagonal element of what M would become, and the trace. */
-static KERNEL real least_diagonal(const KOOP(rls) *rls, const KOOP(change) *c, real *trace) {
+/* Smallest diagonal element, and trace, of the changed M. */
+static KERNEL real smallest_diagonal(const KOOP(rls) *rls, const KOOP(change) *c, real *trace) {
 	const real *element = rls->covariance, *v = c->v, *up = c->up;
 	const real sign = c->sign;
-	real least = REAL_MAX, sum = 0;
+	real smallest = REAL_MAX, sum = 0;
 	for (size_t i = 0; i < rls->n_regressors; element += symmetric_step(++i, rls->n_regressors_padded)) {
 		const real before = up ? *element + up[i] * up[i] : *element;
 		const real value = before + sign * v[i] * v[i];
-		least = value < least ? value : least;
+		smallest = value < smallest ? value : smallest;
 		sum += value;
 	}
 	*trace = sum;
-	return least;
+	return smallest;
 }
 
-/* What a tile of M would become, its columns one after the other */
+/* Writes one tile of the changed M, column by column. */
 static KERNEL void changed_tile(const KOOP(change) *c, real *restrict tile, const real *restrict M, size_t i,
                                 size_t j, size_t rows) {
 	const real *row = M + symmetric_at(i, j, rows);
@@ -91,22 +91,21 @@ static KERNEL void changed_tile(const KOOP(change) *c, real *restrict tile, cons
 	}
 }
 
-/* Whether P would stay positive definite, with its diagonal lowered by d epsilon of
- * itself: what is definite by less is not told from round-off, neither that of P nor
- * that of the factorisation. */
-static int factors(const KOOP(rls) *rls, const KOOP(change) *c) {
+/* Returns 1 if the changed P is positive definite even with its diagonal reduced by the relative amount
+ * d epsilon. A smaller margin cannot be distinguished from the round-off of P and of the factorisation. */
+static int stays_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
 	const real lowered = (real)d * REAL_EPSILON;
 	real *tile = plain_factor(rls);
 	for (size_t i = 0; i < d; i += 4) {
 		for (size_t j = 0; j <= i; j += 4, tile += 16) { changed_tile(c, tile, rls->covariance, i, j, rows); }
-		real *last = tile - 16; /* the one on the diagonal */
+		real *last = tile - 16; /* the tile on the diagonal */
 		for (size_t k = 0; k < 4; k++) { last[5 * k] -= lowered * last[5 * k]; }
 	}
 	return factor_triangle(plain_factor(rls), d);
 }
 
-/* P's new scale and the new bound of M's elements, or why they cannot be. */
+/* The new scale of P and the new bound of M's elements, or the status that refuses them. */
 static GLUE int plain_limits(const KOOP(rls) *rls, const KOOP(step) *step, real trace, real growth,
                              real *scale, real *bound) {
 	*scale = rls->covariance_scale * step->scale;
@@ -114,15 +113,15 @@ static GLUE int plain_limits(const KOOP(rls) *rls, const KOOP(step) *step, real 
 		if (!is_finite(trace)) { return KOOP_E_OVERFLOW; }
 		if (!(trace > 0)) { return KOOP_E_INDEFINITE; }
 		*scale = step->trace / trace;
-		if (!(*scale >= REAL_MIN)) { return KOOP_E_INDEFINITE; } /* less is 0 to vectors of some processors */
+		if (!(*scale >= REAL_MIN)) { return KOOP_E_INDEFINITE; } /* some vector units flush less to 0 */
 	}
-	/* without a look at all of M, as long as the bound is far from overflow */
+	/* M is searched for its largest element only if the bound comes near overflow */
 	*bound = rls->covariance_bound + growth;
 	if (!(*bound * *scale < REAL_MAX / 2)) { *bound = max_abs(rls->covariance, plain_size(rls)) + growth; }
 	return *bound * *scale < REAL_MAX / 2 ? KOOP_OK : KOOP_E_OVERFLOW;
 }
 
-/* Beyond this factor the scale is worked into M. */
+/* Beyond this factor the scale is multiplied into M. */
 #define PLAIN_SCALE_MAX 1024
 
 static GLUE void plain_set_scale(KOOP(rls) *rls, real scale, real bound) {
@@ -132,7 +131,7 @@ static GLUE void plain_set_scale(KOOP(rls) *rls, real scale, real bound) {
 	rls->covariance_bound = near_one ? bound : bound * scale;
 }
 
-/* P^-1 likewise, from P^-1 zeta in the first work vector. Paper, SIFt:
+/* Changes P^-1, from P^-1 zeta in the first work vector. Paper, SIFt:
  * R = R - (1 - lambda) / rho (R zeta)(R zeta)' + zeta zeta' */
 static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
 	const size_t rows = rls->n_regressors_padded;
@@ -141,12 +140,14 @@ static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
 	change_all(&dual, plain_inverse(rls), rows);
 }
 
-/* One row at each update, for all within d of them: what is read of P is symmetric again by then. */
+/* Makes one row symmetric per update, and so all of P within d updates. */
 static void plain_mirror(KOOP(rls) *rls) {
 	const size_t rows = rls->n_regressors_padded, next = rls->mirrored + 1;
 	rls->mirrored = next < rls->n_regressors ? next : 0;
 	symmetric_mirror(rls->covariance, rls->mirrored, rows);
-	if (rls->config.regulator->needs_information) { symmetric_mirror(plain_inverse(rls), rls->mirrored, rows); }
+	if (rls->config.regulator->needs_information) {
+		symmetric_mirror(plain_inverse(rls), rls->mirrored, rows);
+	}
 }
 
 static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
@@ -163,12 +164,12 @@ static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomin
 		growth += dot(up, up, rows);
 	}
 
-	/* the diagonal first: it is cheap and tells most of what can go wrong */
-	const real least = least_diagonal(rls, &change, &trace);
+	/* the diagonal first: it is cheap and reveals most failures */
+	const real smallest = smallest_diagonal(rls, &change, &trace);
 	const int status = plain_limits(rls, step, trace, growth, &scale, &bound);
 	if (status != KOOP_OK) { return status; }
-	const int positive_definite = least >= REAL_MIN && least * scale >= REAL_MIN &&
-	                              (rls->config.check == KOOP_CHECK_DIAGONAL || factors(rls, &change));
+	const int positive_definite = smallest >= REAL_MIN && smallest * scale >= REAL_MIN &&
+	                              (rls->config.check == KOOP_CHECK_DIAGONAL || stays_definite(rls, &change));
 	if (!positive_definite && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }
 
 	if (rls->config.regulator->needs_information) { plain_change_inverse(rls, step); }

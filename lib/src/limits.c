@@ -1,24 +1,24 @@
-/* The limits of one solve: what the configuration pointed to when that began. They may be others at the next
- * solve, as rate limits and those of a battery are. Infinite means no limit. */
+/* The limits of one solve, copied from the configuration at its start. They may change before the next solve,
+ * as rate limits and limits of a battery do. Infinity means no limit. */
 
-/* Which limit holds an input (mpc->set). DROPPED on top: its row and column are still in
- * the factor, but do nothing. */
+/* State of an input in the active set (mpc->set). Multiplied by DROPPED, it is still a row and column of the
+ * factor, which then have no effect. */
 #define FREE 0
-#define HELD 1    /* by its upper limit; by its lower: -HELD */
-#define DROPPED 2 /* likewise */
+#define HELD 1    /* at its upper limit; -HELD: at its lower limit */
+#define DROPPED 2 /* the same sign rule */
 
-/* NaN becomes the lower limit. */
+/* Clips x to [low, high]; NaN becomes low. */
 static real clip(real x, real low, real high) {
 	const real at_least_low = x >= low ? x : low;
 	return at_least_low > high ? high : at_least_low;
 }
 
-/* Which input follows input j: a remainder would be a division for every element. */
+/* Index of the input after input j. A remainder would cost a division per element. */
 static size_t next_input(size_t j, size_t m) {
 	return j + 1 < m ? j + 1 : 0;
 }
 
-/* v into the box */
+/* Clips v to the limits. */
 static void clip_all(const KOOP(mpc) *mpc, real *v) {
 	const size_t m = mpc->config.n_inputs;
 	for (size_t q = 0, j = 0; q < mpc->config.horizon * m; q++, j = next_input(j, m)) {
@@ -30,7 +30,8 @@ static int is_nan(real a) {
 	return (bits_of(a) & ~SIGN_BIT) > INFINITY_BITS;
 }
 
-/* Whether limits leave a number to each input; the safe one need not be inside. NaN is refused as an input. */
+/* Checks that the limits leave a finite value for each input, and that `safe`, which may be outside, is
+ * finite. */
 static int limits_check(const real *low, const real *high, const real *safe, size_t m) {
 	if (!all_finite(safe, m)) { return KOOP_E_INPUT; }
 	for (size_t j = 0; j < m; j++) {
@@ -40,7 +41,7 @@ static int limits_check(const real *low, const real *high, const real *safe, siz
 	return KOOP_OK;
 }
 
-/* The size of inputs inside the box, as far as limits tell it. */
+/* Largest magnitude or range of the limited inputs. */
 static void size_box(KOOP(mpc) *mpc) {
 	mpc->reach = 0;
 	mpc->unlimited = 0;
@@ -55,15 +56,17 @@ static void size_box(KOOP(mpc) *mpc) {
 	}
 }
 
-/* A residual below this can be all round-off. Inputs without limit are as large as the plan has them. */
+/* A residual below mpc->noise can be round-off alone. The magnitude of unlimited inputs is taken from the
+ * plan. */
 static void estimate_noise(KOOP(mpc) *mpc) {
 	real size = mpc->reach;
-	if (mpc->unlimited) { size = max_of(size, max_abs(mpc->plan, mpc->config.horizon * mpc->config.n_inputs)); }
+	if (mpc->unlimited) {
+		size = max_of(size, max_abs(mpc->plan, mpc->config.horizon * mpc->config.n_inputs));
+	}
 	mpc->noise = 128 * REAL_EPSILON * size;
 }
 
-/* Takes over the limits as they are now, all or none: each is read once, as another task may be about to
- * change it. */
+/* Copies the present limits, all or none. Each is read once, since another task may change it meanwhile. */
 static int take_limits(KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs;
@@ -80,12 +83,12 @@ static int take_limits(KOOP(mpc) *mpc) {
 	return KOOP_OK;
 }
 
-/* Only a flipped bit makes it another. */
+/* Replaces a value that only a flipped bit can cause by FREE. */
 static signed char known_set(signed char set) {
 	return (signed char)(((set >= -DROPPED) & (set <= DROPPED)) * set);
 }
 
-/* An input that a limit held goes along with it; where that no longer is one, the input is free. */
+/* Moves an input at a limit to the new limit. The input becomes free if that limit is infinite. */
 static signed char follow_limit(signed char set, real low, real high, real *u) {
 	const real limit = set > 0 ? high : low;
 	if (set == FREE || !is_finite(limit)) { return FREE; }

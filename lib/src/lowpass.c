@@ -1,14 +1,14 @@
-/* Low-pass of second order: Butterworth, by the bilinear transform with the
- * cut-off kept where it is. Transposed direct form II, whose two numbers a
- * channel are also what lets it begin settled. */
+/* Butterworth low-pass filter of second order, by the bilinear transform with the cut-off frequency
+ * prewarped. In transposed direct form II the two state variables per channel are easily set to the steady
+ * state of the first sample. */
 
 COLD int KOOP(lowpass_init)(KOOP(lowpass) *filter, size_t n, real cutoff, real rate, real *storage,
                             size_t reals) {
 	if (!filter || !storage) { return KOOP_E_NULL; }
 	if (n < 1 || n > KOOP_MAX_DIM) { return KOOP_E_SIZE; }
 	if (reals < KOOP_LOWPASS_REALS(n)) { return KOOP_E_STORAGE; }
-	/* written so that NaN fails; below, the poles are lost in the rounding of float32. Not by
-	 * rate * 1e-3, which is 0 for a rate at the end of the range, as such a cutoff would be. */
+	/* Written so that NaN fails. Below 1e-3, rounding to float32 displaces the poles. The ratio is compared,
+	 * since rate * 1e-3 can underflow to 0. */
 	const real part = cutoff / rate;
 	if (!(rate > 0 && is_finite(rate) && part >= (real)1e-3 && part <= (real)0.45)) { return KOOP_E_RANGE; }
 	const real pi = (real)3.14159265358979323846, root2 = (real)1.41421356237309504880;
@@ -37,7 +37,7 @@ int KOOP(lowpass_step)(KOOP(lowpass) *filter, const real *x, real *y) {
 	if (!filter || !filter->state || !x || !y) { return KOOP_E_NULL; }
 	const real b = filter->b, a1 = filter->a1, a2 = filter->a2;
 	if (!all_finite(x, filter->n)) { return KOOP_E_INPUT; }
-	/* no state grows beyond a few times the largest input */
+	/* the state stays within a few times the largest input */
 	if (!(max_abs(x, filter->n) < REAL_MAX / 64)) { return KOOP_E_OVERFLOW; }
 	for (size_t i = 0; i < filter->n; i++) {
 		real *s = filter->state + 2 * i;

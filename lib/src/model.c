@@ -1,13 +1,13 @@
-/* A stored model: a header, Theta by rows, and where it is to carry P, that. All little-endian, on any machine.
+/* A stored model: a header, Theta by rows, and optionally P. All numbers are little-endian on every machine.
  *
  *     0  "KOOP"      4  format 2    6  bytes of a real   8  N   10  m   12  n   14  triangles of P, 0 to 2
- *    16  hash of the dictionary's name, and with P of the form's      20  CRC-32 of all but itself
+ *    16  hash of the dictionary's name, and with P of the form's      20  CRC-32 of all other bytes
  *
- * P is stored as its form keeps it: a lower triangle by rows (of P, or of its root), and in the plain form
- * that of P^-1 for a regulator that needs it.
+ * P is stored as its form represents it: a lower triangle by rows, of P or of its square root. The plain form
+ * adds a triangle of P^-1 if the regulator needs it.
  *
- * Format 1 had Theta in the byte order of the machine that wrote it, and nothing that told which: it is read
- * where only one order makes numbers of a usual size. */
+ * Format 1 has Theta in the byte order of the machine that wrote it, and does not record that order. It is
+ * read if only one order gives numbers of plausible magnitude. */
 
 #include <string.h>
 
@@ -23,18 +23,18 @@ static COLD unsigned char *put_real(unsigned char *at, real value) {
 	return at + sizeof value;
 }
 
-/* `turned`: big-endian */
-static COLD real get_real(const unsigned char *at, int turned) {
+/* Reads a real in little-endian or big-endian order. */
+static COLD real get_real(const unsigned char *at, int big_endian) {
 	REAL_BITS bits = 0;
 	real value;
 	for (size_t i = 0; i < sizeof bits; i++) {
-		bits |= (REAL_BITS)at[i] << (8 * (turned ? sizeof bits - 1 - i : i));
+		bits |= (REAL_BITS)at[i] << (8 * (big_endian ? sizeof bits - 1 - i : i));
 	}
 	(void)memcpy(&value, &bits, sizeof value);
 	return value;
 }
 
-/* CRC-32 of IEEE 802.3, bit by bit: it is run once, at start-up */
+/* CRC-32 of IEEE 802.3, bit by bit: speed does not matter at start-up. */
 static COLD uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t count) {
 	crc = ~crc;
 	for (size_t i = 0; i < count; i++) {
@@ -48,7 +48,8 @@ static COLD uint32_t hash_name(uint32_t hash, const char *name) {
 	return crc32(hash, (const unsigned char *)name, strlen(name));
 }
 
-static COLD void model_header(const KOOP(rls) *rls, unsigned format, size_t triangles, unsigned char *header) {
+static COLD void model_header(const KOOP(rls) *rls, unsigned format, size_t triangles,
+                              unsigned char *header) {
 	const uint32_t dictionary = hash_name(0, rls->config.dictionary->name);
 	(void)memcpy(header, "KOOP", 4);
 	put(header + 4, (REAL_BITS)format, 2);
@@ -69,7 +70,7 @@ static COLD uint32_t model_checksum(const unsigned char *model, size_t size) {
 	return crc32(crc32(0, model, 20), model + KOOP_MODEL_HEADER_BYTES, size - KOOP_MODEL_HEADER_BYTES);
 }
 
-/* Triangles of P that the form stores; 0 where it cannot. */
+/* Number of triangles that represent P in the form; 0 if the form cannot store P. */
 static COLD size_t triangles_of(const KOOP(rls) *rls) {
 	return rls->config.form->triangles ? rls->config.form->triangles(rls) : 0;
 }
@@ -107,7 +108,7 @@ COLD int KOOP(model_save_covariance)(const KOOP(rls) *rls, void *bytes, size_t s
 
 /* ---- Load ---------------------------------------------------------------------------- */
 
-/* Whether the header is that of a model for this estimator, whole and undamaged. */
+/* Returns 1 if the bytes are an undamaged model for this estimator. */
 static COLD int model_is(const KOOP(rls) *rls, unsigned format, size_t triangles, const unsigned char *model,
                          size_t size) {
 	unsigned char expected[KOOP_MODEL_HEADER_BYTES];
@@ -117,40 +118,41 @@ static COLD int model_is(const KOOP(rls) *rls, unsigned format, size_t triangles
 	return memcmp(model, expected, sizeof expected) == 0;
 }
 
-/* Whether most numbers but zeros are of a usual size if read this way: 2^-32 to 2^32. Counts them. */
-static COLD size_t count_usual(const unsigned char *at, size_t reals, int turned) {
-	const real most = (real)4294967296;
+/* Counts the numbers whose magnitude is plausible in this byte order: 2^-32 to 2^32. */
+static COLD size_t count_plausible(const unsigned char *at, size_t reals, int big_endian) {
+	const real limit = (real)4294967296;
 	size_t count = 0;
 	for (size_t i = 0; i < reals; i++, at += sizeof(real)) {
-		const real size = MATH(fabs)(get_real(at, turned));
-		count += size * most >= 1 && size <= most ? 1 : 0;
+		const real size = MATH(fabs)(get_real(at, big_endian));
+		count += size * limit >= 1 && size <= limit ? 1 : 0;
 	}
 	return count;
 }
 
-/* The byte order of numbers that do not tell it: 0 little-endian, 1 big-endian, -1 unclear. */
+/* Guesses the byte order: 0 little-endian, 1 big-endian, -1 undecided. */
 static COLD int guess_order(const unsigned char *at, size_t reals) {
-	const size_t usual[2] = {count_usual(at, reals, 0), count_usual(at, reals, 1)};
+	const size_t plausible[2] = {count_plausible(at, reals, 0), count_plausible(at, reals, 1)};
 	size_t zeros = 0;
 	for (size_t i = 0; i < reals; i++) { zeros += is_zero(get_real(at + i * sizeof(real), 0)) ? 1 : 0; }
-	for (int turned = 0; turned < 2; turned++) {
-		const int fits = 4 * usual[turned] >= 3 * (reals - zeros), other = 2 * usual[!turned] >= reals - zeros;
-		if (fits && !other) { return turned; }
+	for (int big_endian = 0; big_endian < 2; big_endian++) {
+		const int fits = 4 * plausible[big_endian] >= 3 * (reals - zeros),
+		          other = 2 * plausible[!big_endian] >= reals - zeros;
+		if (fits && !other) { return big_endian; }
 	}
 	return -1;
 }
 
-static COLD int all_finite_in(const unsigned char *at, size_t reals, int turned) {
+static COLD int all_finite_in(const unsigned char *at, size_t reals, int big_endian) {
 	int finite = 1;
-	for (size_t i = 0; i < reals; i++) { finite &= is_finite(get_real(at + i * sizeof(real), turned)); }
+	for (size_t i = 0; i < reals; i++) { finite &= is_finite(get_real(at + i * sizeof(real), big_endian)); }
 	return finite;
 }
 
-static COLD const unsigned char *load_theta(KOOP(rls) *rls, const unsigned char *at, int turned) {
+static COLD const unsigned char *load_theta(KOOP(rls) *rls, const unsigned char *at, int big_endian) {
 	real largest = 0;
 	for (size_t i = 0; i < rls->n_lifted; i++) {
 		for (size_t j = 0; j < rls->n_regressors; j++, at += sizeof(real)) {
-			const real value = get_real(at, turned);
+			const real value = get_real(at, big_endian);
 			rls->theta[j * rls->n_lifted_padded + i] = value;
 			largest = max_of(largest, MATH(fabs)(value));
 		}
@@ -159,7 +161,7 @@ static COLD const unsigned char *load_theta(KOOP(rls) *rls, const unsigned char 
 	return at;
 }
 
-/* Whether no diagonal element is too small for P, or its root. */
+/* Returns 1 if every diagonal element is large enough for P or its square root. */
 static COLD int diagonals_are_positive(const unsigned char *at, size_t triangles, size_t d) {
 	int positive = 1;
 	for (size_t t = 0; t < triangles; t++, at += d * (d + 1) / 2 * sizeof(real)) {
@@ -186,16 +188,16 @@ static COLD void load_covariance(KOOP(rls) *rls, size_t triangles, const unsigne
 	rls->positive_definite = 1;
 }
 
-/* Which byte order and how many triangles it has, or KOOP_E_MODEL. */
+/* Finds the byte order and the number of triangles, or returns KOOP_E_MODEL. */
 static COLD int model_check(const KOOP(rls) *rls, const unsigned char *model, size_t size, size_t *triangles,
-                            int *turned) {
+                            int *big_endian) {
 	const size_t own = triangles_of(rls), reals = rls->n_lifted * rls->n_regressors;
 	const unsigned char *at = model + KOOP_MODEL_HEADER_BYTES;
-	*turned = 0;
+	*big_endian = 0;
 	*triangles = size == model_bytes(rls, own) ? own : 0;
 	if (model_is(rls, MODEL_FORMAT_ANY_ORDER, 0, model, size)) {
-		*turned = guess_order(at, reals);
-		return *turned < 0 || !all_finite_in(at, reals, *turned) ? KOOP_E_MODEL : KOOP_OK;
+		*big_endian = guess_order(at, reals);
+		return *big_endian < 0 || !all_finite_in(at, reals, *big_endian) ? KOOP_E_MODEL : KOOP_OK;
 	}
 	if (!model_is(rls, MODEL_FORMAT, *triangles, model, size)) { return KOOP_E_MODEL; }
 	if (!all_finite_in(at, (size - KOOP_MODEL_HEADER_BYTES) / sizeof(real), 0)) { return KOOP_E_MODEL; }
@@ -207,10 +209,10 @@ COLD int KOOP(model_load)(KOOP(rls) *rls, const void *bytes, size_t size) {
 	if (!rls || !rls->theta || !bytes) { return KOOP_E_NULL; }
 	const unsigned char *at = (const unsigned char *)bytes + KOOP_MODEL_HEADER_BYTES;
 	size_t triangles;
-	int turned;
-	const int status = model_check(rls, (const unsigned char *)bytes, size, &triangles, &turned);
+	int big_endian;
+	const int status = model_check(rls, (const unsigned char *)bytes, size, &triangles, &big_endian);
 	if (status != KOOP_OK) { return status; }
-	at = load_theta(rls, at, turned);
+	at = load_theta(rls, at, big_endian);
 	if (triangles > 0) { load_covariance(rls, triangles, at); }
 	seal(rls);
 	return KOOP_OK;

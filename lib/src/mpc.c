@@ -1,17 +1,15 @@
-/* Koopman-MPC: the condensed quadratic program in its box, by Bertsekas' projected Newton
- * method. The free inputs, those that no bound holds, take the step to where their gradient
- * vanishes, cut off by the box, as long as that goes downhill; else a shorter step that
- * does. So no set of bounds comes twice. */
+/* Koopman-MPC: the condensed quadratic program with bounds, by the projected Newton method of Bertsekas. The
+ * free inputs, at which no bound is active, move to where their gradient vanishes, clipped to the bounds, if
+ * that decreases the cost. Otherwise they take a shorter step that does. So no active set occurs twice. */
 
-/* Which bound holds an input against the way down the slope, if any. */
-static signed char holder(real v, real slope, real low, real high) {
+/* The bound that is active at an input with this gradient, if any. */
+static signed char active_limit(real v, real slope, real low, real high) {
 	const int upper = v >= high && slope <= 0, lower = !upper && v <= low && slope >= 0;
 	return (signed char)(HELD * (upper - lower));
 }
 
-/* Writes down which inputs are free, where that is another choice: those that no longer are leave
- * the factor, if there still is one. */
-static void adopt_free(KOOP(mpc) *mpc, const signed char *wanted) {
+/* Stores a new active set. Inputs that are no longer free are dropped from the factor, if it is valid. */
+static void set_free(KOOP(mpc) *mpc, const signed char *wanted) {
 	for (size_t q = 0, r = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
 		if (!in_factor(mpc->set[q])) {
 			mpc->set[q] = wanted[q];
@@ -23,10 +21,10 @@ static void adopt_free(KOOP(mpc) *mpc, const signed char *wanted) {
 	}
 }
 
-/* Chooses the free inputs: all but those at a bound that the way down the slope presses against it.
- * Returns whether they are others than before. A few that no longer are free leave the factor, if
- * none comes back; else it is to be made again. */
-#define MPC_MOST_DROPPED 8
+/* Chooses the free inputs: all but those that descent pushes against their bound. Returns 1 if the set has
+ * changed. If a few inputs have left the set and none has joined it, they are dropped from the factor;
+ * otherwise the factor becomes invalid. */
+#define MPC_MAX_DROPPED 8
 
 static int choose_free(KOOP(mpc) *mpc, const real *slope) {
 	const KOOP(mpc_config) *c = &mpc->config;
@@ -34,18 +32,18 @@ static int choose_free(KOOP(mpc) *mpc, const real *slope) {
 	signed char *wanted = (signed char *)mpc->work;
 	int dropped = 0, back = 0;
 	for (size_t q = 0, j = 0; q < V; q++, j = next_input(j, m)) {
-		wanted[q] = holder(mpc->plan[q], slope[q], mpc->u_min[j], mpc->u_max[j]);
+		wanted[q] = active_limit(mpc->plan[q], slope[q], mpc->u_min[j], mpc->u_max[j]);
 		const int was_free = mpc->set[q] == FREE, is_free = wanted[q] == FREE;
 		dropped += was_free > is_free;
 		back += is_free > was_free;
 	}
 	if (dropped + back == 0) { return 0; }
-	if (back > 0 || dropped > MPC_MOST_DROPPED) { mpc->factored = 0; }
-	adopt_free(mpc, wanted);
+	if (back > 0 || dropped > MPC_MAX_DROPPED) { mpc->factored = 0; }
+	set_free(mpc, wanted);
 	return 1;
 }
 
-/* How far the gradient over the free inputs is from 0, scaled by the diagonal. */
+/* Largest element of the gradient over the free inputs, scaled by the diagonal. */
 static real free_residual(const KOOP(mpc) *mpc, const real *gradient) {
 	real largest = 0;
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
@@ -54,8 +52,8 @@ static real free_residual(const KOOP(mpc) *mpc, const real *gradient) {
 	return largest;
 }
 
-/* Twice the change of the cost from the plan to the trial: it is a quadratic. */
-static real rise(const KOOP(mpc) *mpc) {
+/* Twice the change of the cost from the plan to the trial. It is exact, since the cost is quadratic. */
+static real cost_change(const KOOP(mpc) *mpc) {
 	real sum = 0;
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
 		sum += (mpc->trial[q] - mpc->plan[q]) * (mpc->gradient[q] + mpc->trial_gradient[q]);
@@ -63,8 +61,8 @@ static real rise(const KOOP(mpc) *mpc) {
 	return sum;
 }
 
-/* trial = plan, with the free inputs on to where their gradient vanishes; `in_box`: as far
- * as the box lets them. Returns whether it did. */
+/* trial = plan with the free inputs moved to where their gradient vanishes, clipped to the bounds if
+ * `in_box`. Returns 1 if nothing was clipped. */
 static int try_newton(KOOP(mpc) *mpc, int in_box) {
 	copy(mpc->trial, mpc->plan, mpc->config.horizon * mpc->config.n_inputs);
 	return newton_step(mpc, mpc->trial, mpc->gradient, in_box);
@@ -74,24 +72,23 @@ static int have_factor(KOOP(mpc) *mpc) {
 	return mpc->factored ? KOOP_OK : factor_free(mpc);
 }
 
-/* -step = Newton's, of those inputs only that it does not push against a bound that they
- * are at: the others are held too, more of them each time. It leads downhill, for some way
- * inside the box. */
-static int find_way(KOOP(mpc) *mpc) {
+/* Computes -step = the Newton step over those inputs that it does not push against their bound. The others
+ * are fixed, and the step is computed again until it fixes no more. It is a feasible descent direction. */
+static int find_descent_direction(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	for (size_t k = 0; k <= V; k++) { /* never: ends before, as each round holds one input more at least */
+	for (size_t k = 0; k <= V; k++) { /* never: returns earlier, as each pass fixes an input more */
 		const int status = have_factor(mpc);
 		if (status != KOOP_OK) { return status; }
 		(void)try_newton(mpc, 0);
 		for (size_t q = 0; q < V; q++) { mpc->step[q] = mpc->plan[q] - mpc->trial[q]; }
-		if (!all_finite(mpc->step, V)) { break; } /* bounds would hold some and let them go again, for ever */
+		if (!all_finite(mpc->step, V)) { break; } /* the active set would cycle */
 		if (!choose_free(mpc, mpc->step)) { return KOOP_OK; }
 	}
 	return KOOP_E_OVERFLOW;
 }
 
-/* The part of the step that brings the first input to its bound, at most 1. */
-static real way_to_bound(const KOOP(mpc) *mpc) {
+/* The fraction of the step at which the first input reaches its bound, at most 1. */
+static real length_to_bound(const KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	real length = 1;
 	for (size_t q = 0, j = 0; q < c->horizon * c->n_inputs; q++, j = next_input(j, c->n_inputs)) {
@@ -99,28 +96,28 @@ static real way_to_bound(const KOOP(mpc) *mpc) {
 		const real room = mpc->step[q] > 0 ? mpc->plan[q] - mpc->u_min[j] : mpc->u_max[j] - mpc->plan[q];
 		if (room < speed * length) { length = room / speed; }
 	}
-	return length * (1 + 4 * REAL_EPSILON); /* all the way, whatever rounding does */
+	return length * (1 + 4 * REAL_EPSILON); /* reaches the bound despite rounding */
 }
 
-/* trial = plan - step, cut off by the box: the whole step, or a quarter, and so on, until
- * it goes downhill; at last only as far as to the first bound. Returns the residual. */
-#define MPC_SHORTEST ((real)0.05)
+/* Backtracking line search: trial = plan - step, clipped to the bounds, then a quarter of the step, and so
+ * on, until the cost decreases; at the end only up to the first bound. Returns the residual. */
+#define MPC_MIN_LENGTH ((real)0.05)
 
-OUT_OF_LINE static real follow_way(KOOP(mpc) *mpc) {
+OUT_OF_LINE static real line_search(KOOP(mpc) *mpc) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	const real least = way_to_bound(mpc);
+	const real smallest = length_to_bound(mpc);
 	real length = 1;
 	for (;;) {
 		for (size_t q = 0; q < V; q++) { mpc->trial[q] = mpc->plan[q] - length * mpc->step[q]; }
 		clip_all(mpc, mpc->trial);
 		const real residual = evaluate(mpc, mpc->trial, mpc->trial_gradient);
-		if (length <= least || rise(mpc) < 0) { return residual; }
-		length = length > MPC_SHORTEST ? max_of(length / 4, least) : least;
+		if (length <= smallest || cost_change(mpc) < 0) { return residual; }
+		length = length > MPC_MIN_LENGTH ? max_of(length / 4, smallest) : smallest;
 	}
 }
 
-/* The factor, if of an earlier solve, stays while two more steps with it would do: the model
- * changes little from one to the next. */
+/* Keeps a factor of an earlier solve as long as two more steps with it are predicted to suffice: the model
+ * changes little between solves. */
 static void review_factor(KOOP(mpc) *mpc, int downhill) {
 	if (mpc->fresh) { return; }
 	const real before = free_residual(mpc, mpc->gradient), after = free_residual(mpc, mpc->trial_gradient);
@@ -128,20 +125,20 @@ static void review_factor(KOOP(mpc) *mpc, int downhill) {
 	if (!(downhill && after * rho * rho <= mpc->config.tolerance)) { mpc->factored = 0; }
 }
 
-/* plan = trial, or where that does not go downhill, another trial. `again`: over the same
- * free inputs as the step before, so that what that has left is round-off. *goes_on:
- * whether more is to be had. */
+/* plan = trial, or if that does not decrease the cost, the result of the line search. `again`: the free
+ * inputs are those of the previous step, so that the residual is round-off. *continues: 1 if another step can
+ * help. */
 static int take_step(KOOP(mpc) *mpc, KOOP(mpc_result) *result, real residual, int downhill, int again,
-                     int *goes_on) {
+                     int *continues) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
-	*goes_on = !again || residual < result->residual / 2;
-	if (!*goes_on && !(residual < result->residual)) { return KOOP_OK; }
+	*continues = !again || residual < result->residual / 2;
+	if (!*continues && !(residual < result->residual)) { return KOOP_OK; }
 	if (!downhill) {
-		const int status = find_way(mpc);
+		const int status = find_descent_direction(mpc);
 		if (status != KOOP_OK) { return status; }
-		residual = follow_way(mpc);
-		*goes_on = rise(mpc) < 0;
-		if (!*goes_on) { return KOOP_OK; }
+		residual = line_search(mpc);
+		*continues = cost_change(mpc) < 0;
+		if (!*continues) { return KOOP_OK; }
 	}
 	copy(mpc->plan, mpc->trial, V);
 	copy(mpc->gradient, mpc->trial_gradient, V);
@@ -149,14 +146,14 @@ static int take_step(KOOP(mpc) *mpc, KOOP(mpc_result) *result, real residual, in
 	return KOOP_OK;
 }
 
-/* Whether the trial is better than the plan: costs less, or has less of a residual where
- * only round-off is left. */
-static int leads_down(const KOOP(mpc) *mpc, real before, real residual, int again) {
-	return rise(mpc) < 0 || (residual < before && (again || residual < mpc->noise));
+/* Returns 1 if the trial is better than the plan: a lower cost, or a smaller residual if only round-off
+ * remains. */
+static int is_improvement(const KOOP(mpc) *mpc, real before, real residual, int again) {
+	return cost_change(mpc) < 0 || (residual < before && (again || residual < mpc->noise));
 }
 
-/* A last correction of what round-off has left, without a look at it. But one that goes far is looked at: it
- * may come of a Hessian that is singular but for round-off. */
+/* A last correction of round-off. A small one is applied without an evaluation. A large one may come from a
+ * numerically singular Hessian, and is applied only if it reduces the residual. */
 static void correct(KOOP(mpc) *mpc, real residual) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	real farthest = 0;
@@ -166,10 +163,10 @@ static void correct(KOOP(mpc) *mpc, real residual) {
 	}
 }
 
-/* A Newton step. *whole: no bound has cut it short; comes in for the step before. */
-static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int *goes_on) {
+/* A Newton step. *whole: 1 if no bound has shortened it; on entry, the value of the previous step. */
+static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int *continues) {
 	estimate_noise(mpc);
-	const int guessed = mpc->planned; /* the bounds that held the last plan hold this one */
+	const int guessed = mpc->planned; /* the active set is that of the last plan */
 	mpc->planned = 0;
 	const int again = !guessed && !choose_free(mpc, mpc->gradient) && *whole;
 	const int status = have_factor(mpc);
@@ -177,23 +174,24 @@ static int step_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result, int *whole, int
 	*whole = try_newton(mpc, 1) && mpc->fresh;
 	if (again && result->residual < mpc->noise) {
 		correct(mpc, result->residual);
-		*goes_on = 0;
+		*continues = 0;
 		return KOOP_OK;
 	}
 	const real residual = evaluate(mpc, mpc->trial, mpc->trial_gradient);
-	const int downhill = leads_down(mpc, result->residual, residual, again);
+	const int downhill = is_improvement(mpc, result->residual, residual, again);
 	*whole &= downhill;
 	review_factor(mpc, downhill);
 	if (!downhill && (guessed || !mpc->fresh)) { return KOOP_OK; }
-	return take_step(mpc, result, residual, downhill, again, goes_on);
+	return take_step(mpc, result, residual, downhill, again, continues);
 }
 
-/* Newton steps while they lead downhill. */
+/* Newton steps as long as they help. */
 OUT_OF_LINE static int descend_newton(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
-	int whole = 0, goes_on = 1;
-	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && goes_on && result->residual > mpc->config.tolerance; k++) {
+	int whole = 0, continues = 1;
+	for (size_t k = 0; k < KOOP_MPC_MAX_NEWTON && continues && result->residual > mpc->config.tolerance;
+	     k++) {
 		result->iterations++;
-		const int status = step_newton(mpc, result, &whole, &goes_on);
+		const int status = step_newton(mpc, result, &whole, &continues);
 		if (status != KOOP_OK) { return status; }
 	}
 	return KOOP_OK;
@@ -253,7 +251,7 @@ COLD int KOOP(mpc_reset)(KOOP(mpc) *mpc) {
 	return KOOP_OK;
 }
 
-/* Where everything is in the storage. */
+/* Sets the pointers into the storage. */
 static COLD void mpc_lay_out(KOOP(mpc) *mpc, real *storage) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs, H = c->horizon, V = H * m;
@@ -297,14 +295,14 @@ COLD int KOOP(mpc_init)(KOOP(mpc) *mpc, const KOOP(mpc_config) *config, real *st
 	mpc_lay_out(mpc, storage);
 	(void)take_limits(mpc);
 	if (!take_roots(mpc)) {
-		mpc->plan = NULL; /* refused from now on */
+		mpc->plan = NULL; /* every later call returns KOOP_E_NULL */
 		return KOOP_E_RANGE;
 	}
 	return KOOP(mpc_reset)(mpc);
 }
 
-/* Input j of the plan of the last solve and what held it, one step on and inside the limits of this one; its
- * last step stands for two. Returns how many of it are in the factor. */
+/* Shifts input j of the last plan, and its active set, by one step and clips it to the present limits. The
+ * last step is repeated. Returns the number of its elements in the factor. */
 static size_t shift_input(KOOP(mpc) *mpc, size_t j) {
 	const size_t m = mpc->config.n_inputs;
 	const real low = mpc->u_min[j], high = mpc->u_max[j];
@@ -339,7 +337,7 @@ static int arguments_are_finite(const KOOP(mpc_config) *c, const real *psi, cons
 	       (!c->S || all_finite(u_before, c->n_inputs));
 }
 
-/* Newton's factors need the weights' roots, of the weights as they are now. */
+/* Newton's method needs the Cholesky factors of the present weights. */
 static int descend(KOOP(mpc) *mpc, KOOP(mpc_result) *result) {
 	if (mpc->config.method == KOOP_MPC_NEWTON) {
 		return take_roots(mpc) ? descend_newton(mpc, result) : KOOP_E_INDEFINITE;
@@ -359,8 +357,9 @@ static int solve(KOOP(mpc) *mpc, const real *theta, const real *psi, const real 
 	result->residual = evaluate(mpc, mpc->plan, mpc->gradient);
 	if (result->residual > c->tolerance) { status = descend(mpc, result); }
 	if (status != KOOP_OK) { return status; }
-	/* the plan and behind it the gradient: none of the three need show that another is not finite */
-	const int finite = is_finite(result->residual) && all_finite(mpc->plan, 2 * padded(c->horizon * c->n_inputs));
+	/* the plan and, behind it, the gradient: each of the three can be the only one that is not finite */
+	const int finite =
+	    is_finite(result->residual) && all_finite(mpc->plan, 2 * padded(c->horizon * c->n_inputs));
 	return finite ? KOOP_OK : KOOP_E_OVERFLOW;
 }
 
@@ -379,7 +378,7 @@ int KOOP(mpc_solve)(KOOP(mpc) *mpc, const real *theta, const real *psi, const re
 		status = solve(mpc, theta, psi, reference, u_before, &seen);
 		if (status != KOOP_OK) { (void)KOOP(mpc_reset)(mpc); }
 		mpc->planned = status == KOOP_OK;
-		copy(u, mpc->plan + (mpc->config.horizon - 1) * m, m); /* after a reset that is u_safe */
+		copy(u, mpc->plan + (mpc->config.horizon - 1) * m, m); /* u_safe after a reset */
 	}
 	if (result) { *result = seen; }
 	return status;

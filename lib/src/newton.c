@@ -1,19 +1,15 @@
-/* Newton steps on the free inputs: an upper Cholesky factor of the Hessian over
- * them, packed by rows.
+/* Newton steps over the free inputs, with an upper Cholesky factor of their Hessian, packed by rows.
  *
- * The Hessian is close to block Toeplitz: H[a, b] - H[a-1, b-1] = sum over the rows
- * x of a generator of x[a]' x[b], which are those of chol(Q)' G, and chol(R)' and
- * chol(S)' in the first blocks. After an orthogonal mix of these rows that
- * leaves block column a in m of them alone, those m are the factor's rows of
- * block a, and the Schur complement has the same generator with the m rows
- * moved on by one block (generalised Schur algorithm, Kailath and Sayed 1995).
- * So the leading blocks in which every input is free cost O(V) each, not O(V^2);
- * reversed time makes them the end of the horizon, where bounds seldom act.
- * The rest of the Schur complement comes from its generator by the same
- * recursion along diagonals, and is factored as any matrix is.
+ * The Hessian is close to block Toeplitz: H[a, b] - H[a-1, b-1] is the sum of x[a]' x[b] over the rows x of a
+ * generator. These rows are those of chol(Q)' G and, in the first blocks, of chol(R)' and chol(S)'. An
+ * orthogonal transformation of the rows eliminates block column a in all but m of them. Those m are the rows
+ * of the factor for block a, and the Schur complement has the same generator with the m rows shifted by one
+ * block (generalised Schur algorithm, Kailath and Sayed 1995). A leading block in which every input is free
+ * therefore costs O(V) instead of O(V^2). With reversed time the leading blocks are the end of the horizon,
+ * where bounds are rarely active. The rest of the Schur complement is formed from its generator by the same
+ * recursion along diagonals, and is factored as a dense matrix.
  *
- * An input that a bound comes to hold is taken out of the factor by rotations of the
- * rows below its own. */
+ * An input that reaches a bound is removed from the factor by rotations of the rows below its own. */
 
 static unsigned in_factor(int set) {
 	return ~(unsigned)set & 1;
@@ -56,7 +52,8 @@ OUT_OF_LINE static void generate(KOOP(mpc) *mpc) {
 #define MIX_SCALE(lane) s##lane *= scale;
 #define MIX_STORE(lane) from[lane] += a * s##lane;
 
-/* Some columns, rounded up to eight, of n rows += scale normal normal' times them */
+/* Applies I + scale normal normal' to n rows, in a number of columns that is rounded up to a multiple of
+ * eight. */
 OUT_OF_LINE static void mix_rows(real *first, const real *normal, real scale, size_t n, ptrdiff_t stride,
                                  size_t columns) {
 	for (const real *end = first + columns; first < end; first += WINDOW) {
@@ -76,8 +73,8 @@ OUT_OF_LINE static void mix_rows(real *first, const real *normal, real scale, si
 	}
 }
 
-/* Mixes the generator's rows from j on so that of column q only row j holds
- * something: a Householder reflection, over all columns from q on. */
+/* Householder reflection of the generator's rows from j on, over the columns from q on: column q becomes zero
+ * in all of them but row j. */
 static void reflect(KOOP(mpc) *mpc, size_t j, size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs, count = generator_rows(&mpc->config);
 	real *top = generator_row(mpc, j), *normal = mpc->work;
@@ -94,13 +91,13 @@ static void reflect(KOOP(mpc) *mpc, size_t j, size_t q) {
 	mix_rows(top + q, normal + j, scale, count - j, (ptrdiff_t)padded(V), V - q);
 }
 
-/* Row k of a packed triangle begins at its own diagonal, which is kept inverted; from this
- * on it can be indexed by column. */
+/* Row k of the packed triangle begins at its diagonal, which is stored inverted. The returned pointer is
+ * indexed by column. */
 static INLINE real *factor_row(const KOOP(mpc) *mpc, size_t k) {
 	return mpc->factor + (k * mpc->n_free - k * (k + 1) / 2);
 }
 
-/* Row r of the factor = those of full[0..] that belong to free inputs from q on. */
+/* Row r of the factor = the elements of full[0..] that belong to free inputs from q on. */
 static void pack_row(KOOP(mpc) *mpc, size_t r, const real *full, size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs;
 	real *row = factor_row(mpc, r) + r;
@@ -114,7 +111,7 @@ static void pack_row(KOOP(mpc) *mpc, size_t r, const real *full, size_t q) {
 	}
 }
 
-/* Eliminates the leading blocks whose inputs are all free; *lead: how many inputs. */
+/* Factors the leading blocks whose inputs are all free. *lead: their number of inputs. */
 OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 	const size_t m = mpc->config.n_inputs, V = mpc->config.horizon * m;
 	*lead = 0;
@@ -136,8 +133,8 @@ OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 	return KOOP_OK;
 }
 
-/* The other rows are factored four at a time: what the rows above take away from
- * a square of 4 x 4 is summed in registers. */
+/* The other rows are factored four at a time: the contribution of the rows above to a 4 x 4 block is summed
+ * in registers. */
 #define GROUP KOOP_MPC_GROUP
 #define SQUARE_ROW(DO, i) DO(i, 0) DO(i, 1) DO(i, 2) DO(i, 3)
 #define SQUARE(DO) SQUARE_ROW(DO, 0) SQUARE_ROW(DO, 1) SQUARE_ROW(DO, 2) SQUARE_ROW(DO, 3)
@@ -149,7 +146,7 @@ OUT_OF_LINE static int factor_leading(KOOP(mpc) *mpc, size_t *lead) {
 	type *row0 = factor_row(mpc, r), *row1 = row0 + (mpc->n_free - r - 1);                                   \
 	type *row2 = row1 + (mpc->n_free - r - 2), *row3 = row2 + (mpc->n_free - r - 3);
 
-/* sum = what rows from..r-1 take from rows r..r+3 in columns e..e+3 */
+/* sum = the contribution of rows from..r-1 to rows r..r+3 in columns e..e+3 */
 OUT_OF_LINE static void square_above(const KOOP(mpc) *mpc, size_t from, size_t r, size_t e,
                                      real *restrict sum) {
 	const size_t size = mpc->n_free;
@@ -164,8 +161,8 @@ OUT_OF_LINE static void square_above(const KOOP(mpc) *mpc, size_t from, size_t r
 	SQUARE(SQUARE_END)
 }
 
-/* Four columns of a group of rows, less what the rows above take: x = U'^-1 (x - sum),
- * where U is the group's triangle on the diagonal. */
+/* Four columns of a group of rows: x = U'^-1 (x - sum), where U is the group's triangle on the diagonal and
+ * `sum` is the contribution of the rows above. */
 OUT_OF_LINE static void finish_square(const KOOP(mpc) *mpc, size_t r, size_t e, const real *sum) {
 	GROUP_OF_ROWS(real)
 	const real u00 = row0[r], u01 = row0[r + 1], u02 = row0[r + 2], u03 = row0[r + 3];
@@ -182,9 +179,8 @@ OUT_OF_LINE static void finish_square(const KOOP(mpc) *mpc, size_t r, size_t e, 
 	}
 }
 
-/* Rows r..r+count-1 hold the Schur complement of the rows before `from`; they become those
- * of the factor. Only the first group has less than four rows, so that the others end with
- * a whole square. */
+/* Rows r..r+count-1 hold the Schur complement of the rows before `from`, and become rows of the factor. Only
+ * the first group has fewer than four rows, so that the others end with a complete 4 x 4 block. */
 OUT_OF_LINE static int factor_group(const KOOP(mpc) *mpc, size_t from, size_t r, size_t count) {
 	real *sum = mpc->square, *before = sum + GROUP * GROUP;
 	const size_t size = mpc->n_free, end = r == from ? size : r + GROUP;
@@ -214,9 +210,8 @@ OUT_OF_LINE static int factor_group(const KOOP(mpc) *mpc, size_t from, size_t r,
 #define PAIR_END_Y(lane) y[lane] = s##lane;
 #define PAIR_END_Z(lane) z[lane] = t##lane;
 
-/* The recursion along diagonals: y and z, what the Schur complement has from column q of
- * the block before on in two rows, become rows `self` and `other` of this block, whose
- * first column is q. */
+/* The recursion along diagonals. On entry y and z are two rows of the Schur complement in the previous block;
+ * on return they are rows `self` and `other` of this block, whose first column is q. */
 OUT_OF_LINE static void add_generated(const KOOP(mpc) *mpc, real *y, real *z, size_t self, size_t other,
                                       size_t q) {
 	const size_t V = mpc->config.horizon * mpc->config.n_inputs, stride = padded(V);
@@ -234,7 +229,7 @@ OUT_OF_LINE static void add_generated(const KOOP(mpc) *mpc, real *y, real *z, si
 	}
 }
 
-/* What the old factor still had of inputs that are held is nothing to the new one. */
+/* Counts the free inputs for a new factor, which has no dropped rows. */
 static void count_free(KOOP(mpc) *mpc) {
 	mpc->n_free = 0;
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
@@ -249,7 +244,7 @@ OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
 	count_free(mpc);
 	generate(mpc);
 	int status = factor_leading(mpc, &lead);
-	real *rows = mpc->work; /* one block of the Schur complement, from its first column on */
+	real *rows = mpc->work; /* one block of the Schur complement, from its first column */
 	for (size_t q = 0; q < m * length; q++) { rows[q] = 0; }
 	for (size_t q = lead, r = lead; r < mpc->n_free && status == KOOP_OK; q += m) {
 		for (size_t j = 0; j < m; j += 2) {
@@ -271,7 +266,7 @@ OUT_OF_LINE static int factor_free(KOOP(mpc) *mpc) {
 	return status;
 }
 
-/* Takes row and column p out of what the factor stands for. */
+/* Removes row and column p from the matrix that the factor represents. */
 OUT_OF_LINE static void drop_row(const KOOP(mpc) *mpc, size_t p) {
 	real *out = factor_row(mpc, p);
 	for (size_t r = p + 1; r < mpc->n_free; r++) {
@@ -286,21 +281,21 @@ OUT_OF_LINE static void drop_row(const KOOP(mpc) *mpc, size_t p) {
 			*y = cosine * *y - sine * before;
 		}
 	}
-	out[p] = 0; /* and with it the step of this input */
+	out[p] = 0; /* makes the step of this input 0 */
 }
 
 #define ROWS_TAKE(lane)                                                                                      \
 	step[e + lane] -=                                                                                        \
 	    (x0 * row0[e + lane] + x1 * row1[e + lane]) + (x2 * row2[e + lane] + x3 * row3[e + lane]);
 
-/* step[r + 4..] -= what rows r..r+3 give with step[r..r + 3] */
+/* step[r + 4..] -= (rows r..r+3)' step[r..r + 3] */
 OUT_OF_LINE static void take_rows(const KOOP(mpc) *mpc, size_t r, real *restrict step) {
 	GROUP_OF_ROWS(const real)
 	const real x0 = step[r], x1 = step[r + 1], x2 = step[r + 2], x3 = step[r + 3];
 	for (size_t e = r + GROUP; e < mpc->n_free; e += 4) { LANES_4(ROWS_TAKE) }
 }
 
-/* step[r..r + 3] -= what rows r..r+3 give with step[r + 4..] */
+/* step[r..r + 3] -= (rows r..r+3) step[r + 4..] */
 OUT_OF_LINE static void take_columns(const KOOP(mpc) *mpc, size_t r, real *step) {
 	GROUP_OF_ROWS(const real)
 	real s0 = 0, s1 = 0, s2 = 0, s3 = 0;
@@ -333,20 +328,20 @@ static void substitute_forwards(const KOOP(mpc) *mpc, real *step) {
 	}
 }
 
-/* step = -gradient over the inputs of the factor, in its order */
+/* step = -gradient over the inputs of the factor, in the order of the factor */
 static void gather_descent(const KOOP(mpc) *mpc, const real *gradient, real *step) {
 	for (size_t q = 0; q < mpc->config.horizon * mpc->config.n_inputs; q++) {
 		if (in_factor(mpc->set[q])) { *step++ = -gradient[q]; }
 	}
 }
 
-/* v over the free inputs to where the gradient vanishes. Back substitution runs forwards in
- * time: with `in_box`, an input that meets its bound stays there and the later ones make
- * the best of it. Returns whether none did. */
+/* Moves v, over the free inputs, to where the gradient vanishes. Back substitution runs forwards in time:
+ * with `in_box`, an input that reaches its bound stays there, and the later inputs are computed for it.
+ * Returns 1 if no input reached a bound. */
 static int newton_step(KOOP(mpc) *mpc, real *v, const real *gradient, int in_box) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t m = c->n_inputs, V = c->horizon * m, size = mpc->n_free;
-	real *step = mpc->work; /* the rows of the Hessian are done with */
+	real *step = mpc->work; /* the rows of the Hessian are no longer needed */
 	int inside = 1;
 	gather_descent(mpc, gradient, step);
 	substitute_forwards(mpc, step);

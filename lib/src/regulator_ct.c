@@ -2,7 +2,7 @@
 
 static int decide_ct(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	(void)innovation;
-	step->scale = 1; /* 1 / lambda would cancel in the normalisation */
+	step->scale = 1; /* the normalisation would cancel 1 / lambda */
 	step->trace = rls->config.tau0;
 	return KOOP_OK;
 }

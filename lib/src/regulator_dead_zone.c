@@ -1,5 +1,5 @@
-/* Dead zones. Paper, section "Error Dead-Zone Gating": while the innovation is
- * at most delta the model is good enough, and P must not be inflated. */
+/* Dead zones. Paper, section "Error Dead-Zone Gating": while the innovation is at most delta, the model is
+ * accurate enough, and P is not inflated. */
 
 static int decide_dz_cs(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	step->update_covariance = innovation > rls->config.delta;

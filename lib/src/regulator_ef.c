@@ -1,4 +1,4 @@
-/* Exponential forgetting, the paper's vanilla: what `step` comes in as. */
+/* Exponential forgetting, vanilla in the paper. It is the initial value of `step`. */
 
 static int decide_ef(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	(void)rls;

@@ -1,4 +1,4 @@
-/* No forgetting: lambda = 1. Paper, eq. (4); P only shrinks and the gain vanishes. */
+/* No forgetting: lambda = 1 in the paper's eq. (4). P only shrinks, and the gain tends to 0. */
 
 static int decide_none(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	(void)rls;

@@ -1,6 +1,5 @@
-/* Subspace-of-information forgetting, rank one. Paper, section
- * "Subspace-of-Information Forgetting": only what is known along zeta is
- * discounted, so directions that are not excited keep their covariance. */
+/* Subspace-of-information forgetting of rank one. Paper, section "Subspace-of-Information Forgetting": only
+ * the information along zeta is discounted, so directions that are not excited keep their covariance. */
 
 static int decide_sift(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	const real *zeta = rls->zeta;

@@ -1,7 +1,7 @@
 /* Recursive least squares on lifted snapshots. Paper, eq. (4). */
 
-/* The trace that is to be kept. */
-static COLD real trace_wanted(const KOOP(config) *c) {
+/* The trace that constant trace keeps. */
+static COLD real target_trace(const KOOP(config) *c) {
 	return c->tau0 > 0 ? c->tau0 : c->p0 * (real)(c->dictionary->n_lifted + c->n_inputs);
 }
 
@@ -13,7 +13,7 @@ static COLD int choices_in_range(const KOOP(config) *c) {
 static COLD int settings_in_range(const KOOP(config) *c) {
 	const int forgetting = c->lambda > 0 && c->lambda <= 1;
 	const int covariance =
-	    is_within(c->p0, REAL_MIN, REAL_MAX / 2) && c->tau0 >= 0 && trace_wanted(c) < REAL_MAX / 8;
+	    is_within(c->p0, REAL_MIN, REAL_MAX / 2) && c->tau0 >= 0 && target_trace(c) < REAL_MAX / 8;
 	const int thresholds = is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
 	return forgetting && covariance && thresholds && choices_in_range(c);
 }
@@ -26,7 +26,7 @@ static COLD int config_check(const KOOP(config) *c) {
 	return settings_in_range(c) ? KOOP_OK : KOOP_E_RANGE;
 }
 
-/* Takes over the configuration; what it needs of storage. */
+/* Copies the configuration; returns the number of reals of storage that it needs. */
 static COLD size_t configure(KOOP(rls) *rls, const KOOP(config) *c) {
 	rls->config = *c;
 	rls->n_lifted = c->dictionary->n_lifted;
@@ -45,23 +45,24 @@ COLD int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
 	return KOOP_OK;
 }
 
-/* Forgetting that leaves fewer samples than there are unknowns in a row of Theta. */
+/* Returns 1 if the memory, 1 / (1 - lambda) samples, is shorter than the number of unknowns in a row of
+ * Theta. */
 static COLD int memory_is_short(const KOOP(config) *c) {
 	const real unknowns = (real)(c->dictionary->n_lifted + c->n_inputs);
 	return c->regulator->forgets && (1 - c->lambda) * unknowns > 1;
 }
 
-/* ---- What was learned, in a memory whose bits may flip ---------------------------- */
+/* ---- Flipped bits in the learned model ------------------------------------------- */
 
-/* The three numbers that say how Theta and P are kept, in one array and back. */
-#define KEPT_NUMBERS 3
-static void take_numbers(const KOOP(rls) *rls, real *numbers) {
+/* Copies the three numbers that belong to Theta and P to an array, and back. */
+#define LEARNED_NUMBERS 3
+static void get_numbers(const KOOP(rls) *rls, real *numbers) {
 	numbers[0] = rls->covariance_scale;
 	numbers[1] = rls->theta_bound;
 	numbers[2] = rls->covariance_bound;
 }
 
-static COLD void give_numbers(KOOP(rls) *rls, const real *numbers) {
+static COLD void set_numbers(KOOP(rls) *rls, const real *numbers) {
 	rls->covariance_scale = numbers[0];
 	rls->theta_bound = numbers[1];
 	rls->covariance_bound = numbers[2];
@@ -69,10 +70,10 @@ static COLD void give_numbers(KOOP(rls) *rls, const real *numbers) {
 
 static koop_checksum sum_learned(const KOOP(rls) *rls) {
 	koop_checksum sum = {0, 0};
-	real numbers[KEPT_NUMBERS];
-	take_numbers(rls, numbers);
+	real numbers[LEARNED_NUMBERS];
+	get_numbers(rls, numbers);
 	checksum_add(&sum, rls->theta, WORDS(rls->kept));
-	checksum_add(&sum, numbers, WORDS(KEPT_NUMBERS));
+	checksum_add(&sum, numbers, WORDS(LEARNED_NUMBERS));
 	return sum;
 }
 
@@ -80,28 +81,28 @@ static OUT_OF_LINE void seal_learned(KOOP(rls) *rls) {
 	rls->sum = sum_learned(rls);
 }
 
-/* After every change. */
+/* Call it after every change of the learned model. */
 static void seal(KOOP(rls) *rls) {
 	if (rls->config.checksum) { seal_learned(rls); }
 }
 
-/* Whether what was learned is as it was left, or is again. */
-static COLD int mend_learned(KOOP(rls) *rls, const koop_checksum *now) {
-	const size_t words = WORDS(rls->kept), behind = WORDS(KEPT_NUMBERS);
-	real numbers[KEPT_NUMBERS];
-	take_numbers(rls, numbers);
-	const int mended = checksum_has_flipped(&rls->sum, now) ||
-	                   checksum_mend(rls->theta, words, behind, &rls->sum, now) ||
-	                   checksum_mend(numbers, behind, 0, &rls->sum, now);
-	give_numbers(rls, numbers);
-	if (mended) { seal(rls); }
-	rls->mended += mended ? 1 : 0;
-	return mended ? KOOP_OK : KOOP_E_MEMORY;
+/* Repairs the learned model; returns KOOP_E_MEMORY if that is impossible. */
+static COLD int repair_learned(KOOP(rls) *rls, const koop_checksum *now) {
+	const size_t words = WORDS(rls->kept), behind = WORDS(LEARNED_NUMBERS);
+	real numbers[LEARNED_NUMBERS];
+	get_numbers(rls, numbers);
+	const int repaired = checksum_has_flipped(&rls->sum, now) ||
+	                     checksum_repair(rls->theta, words, behind, &rls->sum, now) ||
+	                     checksum_repair(numbers, behind, 0, &rls->sum, now);
+	set_numbers(rls, numbers);
+	if (repaired) { seal(rls); }
+	rls->repaired += repaired ? 1 : 0;
+	return repaired ? KOOP_OK : KOOP_E_MEMORY;
 }
 
 static OUT_OF_LINE int verify_learned(KOOP(rls) *rls) {
 	const koop_checksum now = sum_learned(rls);
-	return checksum_same(&now, &rls->sum) ? KOOP_OK : mend_learned(rls, &now);
+	return checksum_same(&now, &rls->sum) ? KOOP_OK : repair_learned(rls, &now);
 }
 
 static int verify(KOOP(rls) *rls) {
@@ -124,7 +125,7 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 
 	(void)configure(rls, config);
 	const size_t rows = rls->n_regressors_padded;
-	rls->config.tau0 = trace_wanted(config);
+	rls->config.tau0 = target_trace(config);
 	if (!(rls->config.eps_sift > 0)) { rls->config.eps_sift = (real)1e-10; }
 
 	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
@@ -141,12 +142,12 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	rls->config.form->reset(rls, rls->config.p0);
 	rls->positive_definite = 1;
 	rls->short_memory = memory_is_short(&rls->config);
-	rls->mended = 0;
+	rls->repaired = 0;
 	seal(rls);
 	return KOOP_OK;
 }
 
-/* Whether two estimators have the same storage. */
+/* Returns 1 if two estimators have the same layout of storage. */
 static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
 	const int sizes = a->n_lifted == b->n_lifted && a->n_regressors == b->n_regressors;
 	const KOOP(config) *c = &a->config, *d = &b->config;
@@ -154,8 +155,8 @@ static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
 	return sizes && (forms & (c->checksum == d->checksum));
 }
 
-/* All that `from`, of the same kind, has learned. */
-static COLD void take_over(KOOP(rls) *rls, const KOOP(rls) *from) {
+/* Copies everything that `from`, an estimator of the same layout, has learned. */
+static COLD void copy_learned(KOOP(rls) *rls, const KOOP(rls) *from) {
 	copy(rls->theta, from->theta, rls->kept);
 	rls->covariance_scale = from->covariance_scale;
 	rls->theta_bound = from->theta_bound;
@@ -188,7 +189,7 @@ GLUE int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real 
 	return KOOP_OK;
 }
 
-/* The gain K in rls->gain, the denominator in *denominator. */
+/* Writes the gain K to rls->gain, and the denominator to *denominator. */
 static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denominator) {
 	const size_t rows = rls->n_regressors_padded;
 	real s = rls->config.form->gain(rls);
@@ -208,7 +209,7 @@ static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denom
 	return KOOP_OK;
 }
 
-/* Whether Theta + error K' is finite, and the new bound of its elements. */
+/* Returns 1 if Theta + error K' is finite, and writes the new bound of its elements. */
 static GLUE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
                                    real *bound) {
 	const real growth = step->update_theta ? innovation * MATH(sqrt)(rls->gain_square) : 0;
@@ -219,26 +220,26 @@ static GLUE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step,
 	return *bound < REAL_MAX / 2;
 }
 
-/* The innovation in rls->error, and its norm. */
+/* Writes the innovation to rls->error, and its norm to *norm. */
 static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next, real *norm) {
 	load_regressor(rls, psi, u);
 	weighted_rows(rls->error, rls->theta, rls->zeta, rls->n_regressors, rls->n_lifted_padded);
-	/* NaN and Inf reach the norm from wherever they come */
+	/* any NaN or Inf of the sample propagates to the norm */
 	*norm = MATH(sqrt)(subtract_from(rls->error, psi_next, rls->n_lifted));
 	if (is_finite(*norm)) { return KOOP_OK; }
 	const int finite = all_finite(rls->zeta, rls->n_regressors) && all_finite(psi_next, rls->n_lifted);
 	return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
 }
 
-/* Theta and P by the innovation. *gated: P is left alone. */
-static GLUE int learn(KOOP(rls) *rls, real innovation, int *gated) {
+/* Updates Theta and P by the innovation. *frozen: 1 if P stays unchanged. */
+static GLUE int learn(KOOP(rls) *rls, real innovation, int *frozen) {
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 1, 1};
 	real denominator, bound;
 
 	int status = rls->config.regulator->decide(rls, innovation, &step);
 	if (status != KOOP_OK) { return status; }
-	*gated = !step.update_covariance;
+	*frozen = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
 
 	status = compute_gain(rls, &step, &denominator);
@@ -258,42 +259,43 @@ static GLUE int learn(KOOP(rls) *rls, real innovation, int *gated) {
 	return KOOP_OK;
 }
 
-#define WOUND_UP 100 /* times the trace at the start */
+#define WINDUP_RATIO 100 /* trace over initial trace */
 
-/* Trace and smallest diagonal element of P. */
-static void see_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
-	real trace = 0, least = REAL_MAX;
+/* Reports the trace and the smallest diagonal element of P. */
+static void report_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
+	real trace = 0, smallest = REAL_MAX;
 	rls->config.form->diagonal(rls, rls->work);
 	for (size_t i = 0; i < rls->n_regressors; i++) {
 		trace += rls->work[i];
-		least = rls->work[i] < least ? rls->work[i] : least;
+		smallest = rls->work[i] < smallest ? rls->work[i] : smallest;
 	}
 	health->trace = trace;
-	health->winding_up = trace > WOUND_UP * rls->config.tau0;
-	health->min_diagonal = least;
+	health->winding_up = trace > WINDUP_RATIO * rls->config.tau0;
+	health->min_diagonal = smallest;
 }
 
-/* For a caller that wants it. */
-static OUT_OF_LINE void report(KOOP(rls) *rls, int status, real innovation, int gated, KOOP(health) *health) {
+/* Fills in the health, unless the caller passes null. */
+static OUT_OF_LINE void report(KOOP(rls) *rls, int status, real innovation, int frozen,
+                               KOOP(health) *health) {
 	if (!health) { return; }
 	health->innovation = innovation;
-	health->gated = gated;
+	health->frozen = frozen;
 	health->finite = status != KOOP_E_INPUT && status != KOOP_E_OVERFLOW;
 	health->short_memory = rls->short_memory;
 	health->positive_definite = rls->positive_definite && status != KOOP_E_INDEFINITE;
-	see_diagonal(rls, health);
+	report_diagonal(rls, health);
 }
 
 GLUE int KOOP(rls_update)(KOOP(rls) *rls, const real *psi, const real *u, const real *psi_next,
                           KOOP(health) *health) {
 	real innovation = 0;
-	int gated = 0;
+	int frozen = 0;
 	if (!rls || !rls->theta || !psi || !u || !psi_next) { return KOOP_E_NULL; }
 
 	int status = verify(rls);
 	if (status == KOOP_OK) { status = innovate(rls, psi, u, psi_next, &innovation); }
-	if (status == KOOP_OK) { status = learn(rls, innovation, &gated); }
-	report(rls, status, innovation, gated, health);
+	if (status == KOOP_OK) { status = learn(rls, innovation, &frozen); }
+	report(rls, status, innovation, frozen, health);
 	return status;
 }
 

@@ -1,11 +1,11 @@
-/* Whether arithmetic is what the library is written for, as this file was compiled and as the processor is set:
- * numbers that the compiler does not know go through the library's own functions. */
+/* Checks the arithmetic as compiled and as the processor is configured. Values that the compiler cannot know
+ * pass through the library's own functions. */
 
-static COLD int is_beyond(real a, real most) {
-	return !(MATH(fabs)(a) <= most);
+static COLD int is_beyond(real a, real limit) {
+	return !(MATH(fabs)(a) <= limit);
 }
 
-/* NaN and Inf are values, and are told from numbers. */
+/* Returns 1 unless NaN and Inf are computed and recognised. */
 static COLD int loses_nan(real zero) {
 	const real nan = (1 - 1 / (zero + 1)) / zero, inf = 1 / zero;
 	const real mixed[2] = {zero, nan};
@@ -14,17 +14,18 @@ static COLD int loses_nan(real zero) {
 	       bits_differ(clip(nan, zero, inf), zero) | bits_differ(max_of(zero, -inf), zero);
 }
 
-/* Sums keep their order, divisions are divisions, and each is rounded to the nearest. */
+/* Returns 1 unless sums keep their order, divisions are exact divisions, and results are rounded to nearest.
+ */
 static COLD int rounds_otherwise(real one) {
 	const real little = one * REAL_EPSILON * (real)0.375, more = one * REAL_EPSILON * (real)0.75;
-	/* at first: a literal is rounded as a quotient is, and not to less than `real` */
+	/* first line: a literal is rounded as a quotient is, and to the precision of `real` */
 	return bits_differ(3 * one / (10 * one), (real)0.3) | bits_differ(one / (10 * one), (real)0.1) |
 	       bits_differ((one + little) - one, 0) | bits_differ((one + more) - one, REAL_EPSILON) |
 	       bits_differ((-one - little) + one, 0) | bits_differ((-one - more) + one, -REAL_EPSILON) |
 	       bits_differ(one * (one * REAL_MIN), REAL_MIN);
 }
 
-/* start + a^2 less that, as a sum in two parts has it */
+/* The rounding error of start + a^2 that a compensated sum keeps. */
 static COLD real rest_of_square(real start, real a, real one) {
 	real sum = start, rest = 0;
 	add_product(&sum, &rest, a, a);
@@ -32,17 +33,17 @@ static COLD real rest_of_square(real start, real a, real one) {
 	return sum + rest;
 }
 
-/* A sum in two parts holds what one part would lose: here 6 epsilon, and minus 3/8 of one. Where `real` is
- * wide enough there is no second one. */
+/* Returns 1 unless compensated sums keep the rounding error: 6 epsilon and -3/8 epsilon here. In double they
+ * are not used. */
 static COLD int loses_rest(real one) {
 	const real of_sum = rest_of_square(one / REAL_EPSILON, one + 3 * REAL_EPSILON, one);
 	const real of_square = rest_of_square(0, one + one / 16 + 5 * REAL_EPSILON, one);
-	const real most = REAL_EPSILON / 64;
-	return (SPLIT != 0) & (is_beyond(of_sum - 6 * REAL_EPSILON, most) |
-	                       is_beyond(of_square + (real)0.375 * REAL_EPSILON, most));
+	const real limit = REAL_EPSILON / 64;
+	return (SPLIT != 0) & (is_beyond(of_sum - 6 * REAL_EPSILON, limit) |
+	                       is_beyond(of_square + (real)0.375 * REAL_EPSILON, limit));
 }
 
-/* Sine, cosine and exponential, to less than two units of the last place. */
+/* Returns 1 if sine, cosine or exponential is wrong by two units in the last place or more. */
 static COLD int misses_elementary(real one) {
 	KOOP(angle) angle;
 	real turn[2], decay[4] = {one, 0, 0, 0};

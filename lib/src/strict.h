@@ -1,6 +1,6 @@
-/* Strict arithmetic, whatever the command line says: NaN is a value, sums keep their order. Flight stacks
- * compile with -ffast-math or a part of it; the checks for NaN and the sums in two parts do not survive that.
- * koopf_self_test() tells whether it came through. */
+/* Requests strict arithmetic whatever the command line says: NaN is preserved and sums are not reordered. Flight
+ * stacks compile with -ffast-math or parts of it, which would break the checks for NaN and the compensated sums.
+ * koopf_self_test() tells whether the request was honoured. */
 #if defined(__clang__)
 #pragma float_control(precise, on)
 #pragma STDC FP_CONTRACT OFF

@@ -1,21 +1,22 @@
-/* Symmetric matrices of d x d. With vector registers in KOOP_PAD(d) rows of as many; without, as a triangle
- * whose tiles on the diagonal are whole, which is half of the work. Beyond d stand zeros. Either way each
- * element comes of the same operations in the same order, and element (i, j) of the same as (j, i). */
+/* Symmetric d x d matrices. With vector registers they are stored in full, as KOOP_PAD(d) rows of
+ * KOOP_PAD(d). Without, they are stored as a triangle whose tiles on the diagonal are complete, which halves
+ * the work. Elements beyond d are zero. Both layouts apply the same operations in the same order to each
+ * element, and the same to (i, j) as to (j, i). */
 
 #if VECTORS
 
-/* Where element (i, j) is, j <= i. */
+/* Index of element (i, j), j <= i. */
 static size_t symmetric_at(size_t i, size_t j, size_t rows) {
 	return i * rows + j;
 }
 
-/* How far it is from the diagonal's element before i to that of i. */
+/* Distance in storage from diagonal element i - 1 to diagonal element i. */
 static size_t symmetric_step(size_t i, size_t rows) {
 	(void)i;
 	return rows + 1;
 }
 
-/* How many elements of row i are stored on either side of the diagonal. */
+/* Number of elements of row i that are stored on both sides of the diagonal. */
 static size_t symmetric_twice(size_t i) {
 	return i;
 }
@@ -39,7 +40,7 @@ static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) 
 
 static size_t symmetric_at(size_t i, size_t j, size_t rows) {
 	(void)rows;
-	return KOOP_TRIANGLE_AT(i, j);
+	return TRIANGLE_AT(i, j);
 }
 
 static size_t symmetric_step(size_t i, size_t rows) {
@@ -99,19 +100,21 @@ static KERNEL void symmetric_add(real *restrict M, real sign, const real *restri
 	}
 }
 
-/* In the tiles on the diagonal stand both halves. */
+/* Tiles on the diagonal store both halves. */
 static COLD void set_pair(real *M, size_t i, size_t j, size_t rows, real value) {
 	(void)rows;
-	M[KOOP_TRIANGLE_AT(i, j)] = value;
-	if (i / 4 == j / 4) { M[KOOP_TRIANGLE_AT(j, i)] = value; }
+	M[TRIANGLE_AT(i, j)] = value;
+	if (i / 4 == j / 4) { M[TRIANGLE_AT(j, i)] = value; }
 }
 
 #endif
 
-/* Row i becomes column i: what a flipped bit has made different does not stay so. */
+/* Copies row i to column i, so that an asymmetry from a flipped bit does not persist. */
 static void symmetric_mirror(real *M, size_t i, size_t rows) {
 	real *row = M + symmetric_at(i, i, rows), *column = row;
-	for (size_t count = symmetric_twice(i); count > 0; count--) { *(column -= symmetric_at(1, 0, rows)) = *--row; }
+	for (size_t count = symmetric_twice(i); count > 0; count--) {
+		*(column -= symmetric_at(1, 0, rows)) = *--row;
+	}
 }
 
 /* value I */

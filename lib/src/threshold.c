@@ -1,7 +1,7 @@
 /* Source-calibrated threshold of the dead zones. Paper, remark "Dead-Zone
  * Threshold Selection". */
 
-/* Lets scores[root] sink in the max-heap scores[0..count). */
+/* Restores the max-heap scores[0..count) below scores[root]. */
 static COLD void heap_sink(real *scores, size_t root, size_t count) {
 	while (2 * root + 1 < count) {
 		size_t child = 2 * root + 1;

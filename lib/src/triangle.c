@@ -1,14 +1,16 @@
-/* Triangular matrices of d x d in tiles of 4 x 4: one row of tiles after the other up to the diagonal,
- * and row by row in a tile, so that a tile is worked while its sums or weights stay in registers. Above
- * the diagonal and beyond d stand zeros. Vectors are padded to a multiple of four. */
+/* Triangular d x d matrices in tiles of 4 x 4. The tiles are stored row by row up to the diagonal, and each
+ * tile is stored row by row: a tile is processed while its sums or weights stay in registers. Elements above
+ * the diagonal and beyond d are zero. Vectors are padded to a multiple of four. */
+
+#include "triangle.h"
 
 /* value I */
 static COLD void set_triangle(real *L, real value, size_t d) {
 	for (size_t i = 0; i < KOOP_TRIANGLE(d); i++) { L[i] = 0; }
-	for (size_t i = 0; i < d; i++) { L[KOOP_TRIANGLE_AT(i, i)] = value; }
+	for (size_t i = 0; i < d; i++) { L[TRIANGLE_AT(i, i)] = value; }
 }
 
-/* How far it is from the diagonal's element before i to that of i. */
+/* Distance in storage from diagonal element i - 1 to diagonal element i. */
 static size_t diagonal_step(size_t i) {
 	return i % 4 ? 5 : 4 * i + 1;
 }
@@ -62,12 +64,11 @@ static KERNEL void triangle_square_diagonal(real *restrict y, const real *restri
 	}
 }
 
-/* ---- Cholesky's factor of a positive definite matrix, in place ----------------------
+/* ---- Cholesky factor of a positive definite matrix, in place ------------------------
  *
- * Tiles come with their columns one after the other, and stay so. On the diagonal of the factor stand the
- * inverse pivots. */
+ * The tiles are stored column by column here. The diagonal of the factor holds the inverse pivots. */
 
-/* tile -= A' B, over `count` columns; then, where `diagonal` is given, it is solved for that */
+/* tile -= A' B over `count` columns. If `diagonal` is not null, the result is then solved with that tile. */
 static KERNEL void factor_tile(real *restrict tile, const real *restrict A, const real *restrict B,
                                size_t count, const real *restrict diagonal) {
 	real x0[4], x1[4], x2[4], x3[4];
@@ -99,7 +100,7 @@ static KERNEL void factor_tile(real *restrict tile, const real *restrict A, cons
 	copy_four(tile + 12, x3);
 }
 
-/* Factors a tile on the diagonal, of which n columns count. Returns whether its pivots are positive. */
+/* Factors the first n columns of a tile on the diagonal. Returns 1 if its pivots are positive. */
 static int factor_diagonal(real *tile, size_t n) {
 	for (size_t k = 0; k < 4; k++) {
 		real *column = tile + 4 * k;
@@ -112,12 +113,12 @@ static int factor_diagonal(real *tile, size_t n) {
 	return 1;
 }
 
-/* Whether the matrix is positive definite; it is used up. */
+/* Returns 1 if the matrix is positive definite. Overwrites it with its factor. */
 static int factor_triangle(real *L, size_t d) {
 	for (size_t i = 0; i < d; i += 4) {
-		real *row = L + KOOP_TRIANGLE_AT(i, 0);
+		real *row = L + TRIANGLE_AT(i, 0);
 		for (size_t j = 0; j < i; j += 4) {
-			const real *above = L + KOOP_TRIANGLE_AT(j, 0);
+			const real *above = L + TRIANGLE_AT(j, 0);
 			factor_tile(row + 4 * j, above, row, j, above + 4 * j);
 		}
 		factor_tile(row + 4 * i, row, row, i, NULL);

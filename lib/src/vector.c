@@ -1,12 +1,11 @@
-/* Vector kernels. A `rows` length is a multiple of four, with zeros in the
- * padding, and the loops are written out by four: in-order cores then overlap
- * the operations, and compilers turn each group into vector instructions
- * already at -O2. */
+/* Vector kernels. A length called `rows` is a multiple of four, with zeros in the padding. The loops are
+ * unrolled by four: in-order cores then overlap the operations, and compilers vectorise each group even at
+ * -O2. */
 
 #define VECTORS KOOP_VECTORS
 
-/* Where flash is small, what joins the kernels, GLUE, is made small rather than fast, and KERNEL keeps that
- * from them. */
+/* On processors without vectors, flash is small. GLUE, the code between the kernels, is then optimised for
+ * size and KERNEL for speed. */
 #if VECTORS
 #define GLUE
 #define KERNEL
@@ -26,12 +25,12 @@ static int is_zero(real a) {
 	return (bits_of(a) & ~SIGN_BIT) == 0;
 }
 
-/* 1 where the bits differ. */
+/* Returns 1 if the bits of a and b differ. */
 static int bits_differ(real a, real b) {
 	return bits_of(a) != bits_of(b);
 }
 
-/* Of a setting; NaN is neither. */
+/* Both checks of a setting return 0 for NaN. */
 static int is_nonnegative(real a) {
 	return a >= 0 && is_finite(a);
 }
@@ -51,7 +50,7 @@ static COLD real max_abs(const real *x, size_t n) {
 	return largest;
 }
 
-/* Four neighbours at a time: y += a x */
+/* The functions named .._four work on four consecutive elements. y += a x */
 static INLINE void add_four(real *y, real a, const real *x) {
 	y[0] += a * x[0];
 	y[1] += a * x[1];
@@ -67,7 +66,7 @@ static INLINE void subtract_four(real *y, real a, const real *x) {
 	y[3] -= a * x[3];
 }
 
-/* sum += x y, each by itself */
+/* sum[i] += x[i] y[i] */
 static INLINE void add_products(real *sum, const real *x, const real *y) {
 	sum[0] += x[0] * y[0];
 	sum[1] += x[1] * y[1];
@@ -156,10 +155,9 @@ static KERNEL real scaled_dot(real *y, real a, const real *x, size_t rows) {
 
 #if VECTORS
 
-/* Matrices of `count` rows, each of length `rows`, are worked in blocks of
- * columns that stay in registers down all rows. Each lane is written out, and
- * the loop down the rows counts elements: compilers then make vectors of the
- * lanes and leave the loop alone. */
+/* A matrix of `count` rows, each of length `rows`, is processed in blocks of columns that stay in registers
+ * over all rows. Each lane is written out, and the loop over the rows counts elements: compilers then
+ * vectorise the lanes and not the loop. */
 
 #define SUM_BEGIN(lane) real s##lane = 0;
 #define SUM_ADD(lane) s##lane += a * row[lane];
@@ -210,7 +208,7 @@ static KERNEL void add_outer(real *restrict M, real scale, const real *restrict 
 
 #else
 
-/* The same with 8 or 4 columns in registers, and two rows at a time: `count` is even, or a row of zeros
+/* The same with 8 or 4 columns in registers and two rows per iteration. `count` is even, or a row of zeros
  * follows. */
 
 /* y = M' x */

@@ -1,25 +1,25 @@
-/* The weights of the controller, as Cholesky factors: again at each solve by Newton's method, so that they
- * may change and a flipped bit does not stay. */
+/* Cholesky factors of the controller's weights. Newton's method computes them again at each solve: the
+ * weights may change, and a flipped bit does not persist. */
 
-/* Column k of L, on the largest element of the diagonal that is left, if that is above `least`. */
-static COLD int cholesky_column(real *L, const real *M, size_t n, size_t k, real least) {
+/* Computes column k of L with the largest remaining diagonal element as pivot, if it exceeds `smallest`. */
+static COLD int cholesky_column(real *L, const real *M, size_t n, size_t k, real smallest) {
 	size_t pivot = n;
 	for (size_t i = 0; i < n; i++) {
 		const real left = M[i * n + i] - dot(L + i * n, L + i * n, k);
-		if (left > least) {
+		if (left > smallest) {
 			pivot = i;
-			least = left;
+			smallest = left;
 		}
 	}
 	if (pivot == n) { return 0; }
 	for (size_t i = 0; i < n; i++) {
-		L[i * n + k] = (M[i * n + pivot] - dot(L + i * n, L + pivot * n, k)) / MATH(sqrt)(least);
+		L[i * n + k] = (M[i * n + pivot] - dot(L + i * n, L + pivot * n, k)) / MATH(sqrt)(smallest);
 	}
 	return 1;
 }
 
-/* L L' = M for a symmetric positive semidefinite M (null: 0), by Cholesky's method with pivots.
- * Returns whether M is one. */
+/* L L' = M for a symmetric positive semidefinite M (null: 0), by the Cholesky factorisation with pivoting.
+ * Returns 0 if M is not symmetric positive semidefinite. */
 static COLD int cholesky(real *L, const real *M, size_t n) {
 	real largest = 0;
 	size_t k = 0;
@@ -34,7 +34,7 @@ static COLD int cholesky(real *L, const real *M, size_t n) {
 	return 1;
 }
 
-/* The roots of R, S and Q as they are now; whether these are positive semidefinite. */
+/* Factors the present R, S and Q. Returns 0 if one is not positive semidefinite. */
 static COLD int take_roots(KOOP(mpc) *mpc) {
 	const KOOP(mpc_config) *c = &mpc->config;
 	const size_t n = c->n_states, m = c->n_inputs;

@@ -11,12 +11,18 @@ static int is_zero(real a) {
 	return fabs(a) <= 0;
 }
 
-/* ---- What stands in the storage ---------------------------------------------------------------- */
+/* ---- Content of the storage --------------------------------------------------------------------- */
+
+/* Index of element (i, j) of a triangle in tiles of 4 x 4, as the header describes the storage. */
+static size_t triangle_at(size_t i, size_t j) {
+	const size_t tiles_before = i / 4 * (i / 4 + 1) / 2 + j / 4;
+	return 16 * tiles_before + 4 * (i % 4) + j % 4;
+}
 
 /* Element (i, j) of a symmetric matrix, or null where only (j, i) is stored. */
 static real *symmetric_element(real *M, size_t i, size_t j) {
 	if (KOOP_VECTORS) { return M + i * e.rls.n_regressors_padded + j; }
-	return j / 4 <= i / 4 ? M + KOOP_TRIANGLE_AT(i, j) : NULL;
+	return j / 4 <= i / 4 ? M + triangle_at(i, j) : NULL;
 }
 
 /* The same bits on both sides of the diagonal, and nothing beyond d. */
@@ -37,7 +43,7 @@ static void check_root(const real *S) {
 	const size_t d = e.rls.n_regressors, rows = e.rls.n_regressors_padded;
 	for (size_t i = 0; i < rows; i++) {
 		for (size_t j = 0; j < i / 4 * 4 + 4; j++) {
-			const real value = S[KOOP_TRIANGLE_AT(i, j)];
+			const real value = S[triangle_at(i, j)];
 			const int right = i >= d || j > i ? is_zero(value) : i != j || value > 0;
 			CHECK(right, "%s, d %zu: (%zu, %zu)", estimator_name(&e), d, i, j);
 		}

@@ -237,7 +237,7 @@ static void test_reset_takes_what_settings_take(void) {
 
 static void test_storage_is_exact(void) {
 	static const size_t sizes[][2] = {{1, 1}, {3, 2}, {4, 4 - 1}, {7, 2}, {8, 1}, {MAX_N, MAX_M}};
-	static real guarded[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M) + 1];
+	static real supervised[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M) + 1];
 	const real mark = (real)12345.678;
 	random_source random = random_seed(1);
 
@@ -262,17 +262,17 @@ static void test_storage_is_exact(void) {
 						CHECK(reals == plain, "the macro is not what the largest case needs");
 					}
 
-					CHECK_STATUS(KOOP_E_STORAGE, KOOP(rls_init)(&e.rls, &e.config, guarded, reals - 1));
-					CHECK_STATUS(KOOP_E_STORAGE, KOOP(rls_init)(&e.rls, &e.config, guarded, 0));
-					guarded[reals] = mark;
-					CHECK_STATUS(KOOP_OK, KOOP(rls_init)(&e.rls, &e.config, guarded, reals));
+					CHECK_STATUS(KOOP_E_STORAGE, KOOP(rls_init)(&e.rls, &e.config, supervised, reals - 1));
+					CHECK_STATUS(KOOP_E_STORAGE, KOOP(rls_init)(&e.rls, &e.config, supervised, 0));
+					supervised[reals] = mark;
+					CHECK_STATUS(KOOP_OK, KOOP(rls_init)(&e.rls, &e.config, supervised, reals));
 					for (int k = 0; k < 5; k++) {
 						real x[MAX_D], y[MAX_N];
 						random_fill(&random, x, n_lifted + m, -1, 1);
 						random_fill(&random, y, n_lifted, -1, 1);
 						CHECK_STATUS(KOOP_OK, estimator_update(&e, x, y, NULL));
 					}
-					CHECK(memcmp(&guarded[reals], &mark, sizeof mark) == 0, "%s wrote past its storage",
+					CHECK(memcmp(&supervised[reals], &mark, sizeof mark) == 0, "%s wrote past its storage",
 					      estimator_name(&e));
 				}
 			}

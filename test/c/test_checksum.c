@@ -1,4 +1,4 @@
-/* Bits that flip in what was learned: one is mended, more are told. And what a flipped bit does where no
+/* Bits that flip in what was learned: one is repaired, more are told. And what a flipped bit does where no
  * checksum is kept. */
 #include "support.h"
 
@@ -23,7 +23,7 @@ static size_t learned_reals(void) {
 	return e.rls.kept;
 }
 
-static void test_every_single_bit_is_mended(void) {
+static void test_every_single_bit_is_repaired(void) {
 	for (size_t f = 0; f < FORMS; f++) {
 		start(&KOOP(reg_sift), all_forms[f], 1);
 		static real kept[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M)];
@@ -32,14 +32,14 @@ static void test_every_single_bit_is_mended(void) {
 			flip(e.rls.theta, bit);
 			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
 			CHECK(memcmp(kept, e.storage, sizeof kept) == 0, "bit %zu", bit);
-			TEST_ASSERT_EQUAL_size_t(bit + 1, e.rls.mended);
+			TEST_ASSERT_EQUAL_size_t(bit + 1, e.rls.repaired);
 		}
 		CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-		TEST_ASSERT_EQUAL_size_t(8 * sizeof(real) * learned_reals(), e.rls.mended);
+		TEST_ASSERT_EQUAL_size_t(8 * sizeof(real) * learned_reals(), e.rls.repaired);
 	}
 }
 
-static void test_numbers_beside_the_storage_are_mended(void) {
+static void test_numbers_beside_the_storage_are_repaired(void) {
 	start(&KOOP(reg_ef), &KOOP(form_plain), 1);
 	real *const numbers[] = {&e.rls.covariance_scale, &e.rls.theta_bound, &e.rls.covariance_bound};
 	for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
@@ -70,7 +70,8 @@ static void test_two_bits_are_told_or_at_least_not_overlooked(void) {
 		flip(e.rls.theta, first);
 		flip(e.rls.theta, second);
 		const int status = KOOP(rls_check)(&e.rls);
-		TEST_ASSERT_TRUE(status == KOOP_E_MEMORY || (status == KOOP_OK && e.rls.mended == before.mended + 1));
+		TEST_ASSERT_TRUE(status == KOOP_E_MEMORY ||
+		                 (status == KOOP_OK && e.rls.repaired == before.repaired + 1));
 		told += status == KOOP_E_MEMORY;
 		e.rls = before;
 		memcpy(e.storage, kept, sizeof kept);
@@ -89,10 +90,10 @@ static void test_update_refuses_a_memory_that_it_cannot_mend(void) {
 	learned_take(&before, &e);
 	CHECK_STATUS(KOOP_E_MEMORY, estimator_update(&e, zeta, psi_next, &health));
 	TEST_ASSERT_TRUE(health.innovation >= 0 && health.innovation <= 0); /* the sample was not looked at */
-	TEST_ASSERT_EQUAL_INT(0, health.gated);
+	TEST_ASSERT_EQUAL_INT(0, health.frozen);
 	learned_take(&after, &e);
 	TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e) && learned_same_covariance(&before, &after, &e));
-	/* a model and a P of one's own begin anew */
+	/* a model and your own P begin anew */
 	static const real theta[N * D] = {0};
 	CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&e.rls, theta));
 	CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, 10));
@@ -120,7 +121,7 @@ static void test_sum_is_renewed_by_every_change(void) {
 			estimator_default(&twin, N, M, all_regulators[r], all_forms[f]);
 			CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&e.rls, twin.rls.theta));
 			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+			TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
 		}
 	}
 }
@@ -140,7 +141,7 @@ static void test_the_sum_is_what_is_said(void) {
 			words += word;
 			places += (uint64_t)word * (count - i);
 		}
-		TEST_ASSERT_TRUE(words == e.rls.sum.words && places == e.rls.sum.places);
+		TEST_ASSERT_TRUE(words == e.rls.sum.words && places == e.rls.sum.weighted);
 	}
 }
 
@@ -168,7 +169,7 @@ static void test_refused_samples_leave_the_sum_alone(void) {
 			start(all_regulators[r], all_forms[f], 1);
 			TEST_ASSERT_TRUE(estimator_update(&e, huge, psi_next, NULL) < KOOP_OK);
 			CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+			TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
 		}
 	}
 	/* P so small that the next sample costs it its definiteness */
@@ -232,8 +233,8 @@ static void test_plain_form_does_not_stay_asymmetric(void) {
 
 int main(void) {
 	UNITY_BEGIN();
-	RUN_TEST(test_every_single_bit_is_mended);
-	RUN_TEST(test_numbers_beside_the_storage_are_mended);
+	RUN_TEST(test_every_single_bit_is_repaired);
+	RUN_TEST(test_numbers_beside_the_storage_are_repaired);
 	RUN_TEST(test_two_bits_are_told_or_at_least_not_overlooked);
 	RUN_TEST(test_update_refuses_a_memory_that_it_cannot_mend);
 	RUN_TEST(test_sum_is_renewed_by_every_change);

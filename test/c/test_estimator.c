@@ -247,9 +247,9 @@ static void test_health_of_an_accepted_sample(void) {
 
 				const int dead_zone =
 				    e.config.regulator == &KOOP(reg_dz_cs) || e.config.regulator == &KOOP(reg_dz_ks);
-				TEST_ASSERT_EQUAL_INT(dead_zone && health.innovation <= e.config.delta, health.gated);
-				TEST_ASSERT_EQUAL_INT(health.gated, learned_same_covariance(&before, &after, &e));
-				gated_count += health.gated;
+				TEST_ASSERT_EQUAL_INT(dead_zone && health.innovation <= e.config.delta, health.frozen);
+				TEST_ASSERT_EQUAL_INT(health.frozen, learned_same_covariance(&before, &after, &e));
+				gated_count += health.frozen;
 				if (!dead_zone) { continue; }
 				CHECK(k < 99 || (gated_count > 10 && gated_count < 90), "gated %d", gated_count);
 			}
@@ -305,7 +305,7 @@ static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
 			e.config.delta = (real)0.01;
 			estimator_teach(&e, &random, 30);
 			e.rls.positive_definite = 0;
-			e.rls.mended = 5;
+			e.rls.repaired = 5;
 			e.rls.covariance_scale = 3;
 			e.config.delta = fresh.config.delta;
 			estimator_start(&e);
@@ -314,7 +314,7 @@ static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
 			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_bound, &e.rls.covariance_bound, sizeof(real));
 			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_scale, &e.rls.covariance_scale, sizeof(real));
 			TEST_ASSERT_EQUAL_INT(1, e.rls.positive_definite);
-			TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+			TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
 		}
 	}
 }

@@ -67,8 +67,7 @@ static void check_state(int status, const KOOP(health) *health) {
 	CHECK(!isnan(health->trace), "%s: status %d, trace %g", estimator_name(&e), status,
 	      (double)health->trace);
 	for (size_t i = 0; i < e.rls.n_regressors && (is_root || e.config.check != KOOP_CHECK_REPORT); i++) {
-		const real diagonal =
-		    is_root ? e.rls.covariance[KOOP_TRIANGLE_AT(i, i)] : P[i * e.rls.n_regressors + i];
+		const real diagonal = is_root ? e.config.form->get(&e.rls, 0, i, i) : P[i * e.rls.n_regressors + i];
 		CHECK(diagonal > 0, "%s: status %d, P[%d][%d] %g", estimator_name(&e), status, (int)i, (int)i,
 		      (double)diagonal);
 	}

@@ -1,5 +1,5 @@
 /* Bits that flip between two calls: what the checksums mend, and what they must not take for a flip. */
-#include "tinykoop_guard.h" /* first: it leaves KOOP undefined */
+#include "tinykoop_supervisor.h" /* first: it leaves KOOP undefined */
 
 #include "support.h"
 
@@ -33,35 +33,35 @@ static void flip(void *at, size_t bit) {
 	((unsigned char *)at)[bit / 8] ^= (unsigned char)(1u << bit % 8);
 }
 
-/* Flips each bit of some bytes; each is to be found, mended and counted. */
-static void check_mended(void *at, size_t bytes) {
+/* Flips each bit of some bytes; each is to be found, repaired and counted. */
+static void check_repaired(void *at, size_t bytes) {
 	static estimator before;
 	for (size_t bit = 0; bit < 8 * bytes; bit++) {
 		before = e;
 		flip(at, bit);
 		CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-		TEST_ASSERT_EQUAL_size_t(before.rls.mended + 1, e.rls.mended);
-		e.rls.mended = before.rls.mended;
+		TEST_ASSERT_EQUAL_size_t(before.rls.repaired + 1, e.rls.repaired);
+		e.rls.repaired = before.rls.repaired;
 		CHECK(memcmp(&before, &e, sizeof e) == 0, "%s, bit %lu", estimator_name(&e), (unsigned long)bit);
 	}
 }
 
-static void test_any_bit_of_what_was_learned_is_mended(void) {
+static void test_any_bit_of_what_was_learned_is_repaired(void) {
 	const size_t from = offsetof(KOOP(rls), covariance_scale);
 	const size_t numbers = offsetof(KOOP(rls), positive_definite) - from;
 	for (int r = 0; r < REGULATORS; r++) {
 		for (int f = 0; f < FORMS; f++) {
 			start(all_regulators[r], all_forms[f]);
-			check_mended(e.rls.theta, e.rls.kept * sizeof(real));
-			check_mended((unsigned char *)&e.rls + from, numbers / sizeof(real) * sizeof(real));
+			check_repaired(e.rls.theta, e.rls.kept * sizeof(real));
+			check_repaired((unsigned char *)&e.rls + from, numbers / sizeof(real) * sizeof(real));
 		}
 	}
 }
 
-static void test_any_bit_of_the_checksum_itself_is_mended(void) {
+static void test_any_bit_of_the_checksum_itself_is_repaired(void) {
 	for (int f = 0; f < FORMS; f++) {
 		start(&KOOP(reg_ef), all_forms[f]);
-		check_mended(&e.rls.sum, sizeof e.rls.sum);
+		check_repaired(&e.rls.sum, sizeof e.rls.sum);
 		CHECK_STATUS(KOOP_OK, learn_one(&e));
 	}
 }
@@ -70,9 +70,9 @@ static void test_any_bit_of_the_checksum_itself_is_mended(void) {
 static void test_two_flipped_bits_are_reported(void) {
 	start(&KOOP(reg_ef), &KOOP(form_sqrt));
 	flip(&e.rls.sum.words, 5);
-	flip(&e.rls.sum.places, 3);
+	flip(&e.rls.sum.weighted, 3);
 	CHECK_STATUS(KOOP_E_MEMORY, KOOP(rls_check)(&e.rls));
-	flip(&e.rls.sum.places, 3);
+	flip(&e.rls.sum.weighted, 3);
 	flip(&e.rls.sum.words, 4);
 	CHECK_STATUS(KOOP_E_MEMORY, KOOP(rls_check)(&e.rls));
 }
@@ -93,7 +93,7 @@ static void test_a_refusal_is_not_taken_for_a_flip(void) {
 		refused += status == KOOP_E_INDEFINITE;
 	}
 	CHECK(refused > 10, "%d refused", refused);
-	TEST_ASSERT_EQUAL_size_t(0, e.rls.mended);
+	TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
 }
 
 /* ---- Gate ---------------------------------------------------------------------------------- */
@@ -141,7 +141,7 @@ static void check_gate_mends(void *at, size_t bytes) {
 	e = learner;
 }
 
-static void test_any_bit_of_what_the_gate_knows_is_mended(void) {
+static void test_any_bit_of_what_the_gate_knows_is_repaired(void) {
 	const size_t from = offsetof(KOOP(gate), warm_up);
 	start_gate();
 	check_gate_mends(g.gate.variance, 3 * N * sizeof(real));
@@ -152,7 +152,7 @@ static void test_any_bit_of_what_the_gate_knows_is_mended(void) {
 static void test_a_gate_that_cannot_be_mended_begins_anew(void) {
 	start_gate();
 	flip(&g.gate.sum.words, 5);
-	flip(&g.gate.sum.places, 3);
+	flip(&g.gate.sum.weighted, 3);
 	CHECK_STATUS(KOOP_OK, gate_one(10));
 	TEST_ASSERT_EQUAL_INT(KOOP_DOUBTFUL, KOOP(gate_trust)(&g.gate));
 	for (int k = 0; k < 100 * D; k++) { (void)gate_one(0); }
@@ -160,16 +160,17 @@ static void test_a_gate_that_cannot_be_mended_begins_anew(void) {
 	CHECK_STATUS(KOOP_E_OUTLIER, gate_one(10));
 }
 
-/* More bits of the learner than can be mended: it gets what is saved. Where that is spoilt too, a status. */
-static void test_the_gate_replaces_a_learner_that_cannot_be_mended(void) {
+/* More bits of the learner than can be repaired: it gets what is saved. Where that is spoilt too, a status.
+ */
+static void test_the_gate_replaces_a_learner_that_cannot_be_repaired(void) {
 	start_gate();
 	flip(&e.rls.sum.words, 5);
-	flip(&e.rls.sum.places, 3);
+	flip(&e.rls.sum.weighted, 3);
 	CHECK_STATUS(KOOP_OK, gate_one(0));
 	TEST_ASSERT_EQUAL_size_t(1, g.gate.restored);
 	for (int k = 0; k < 2; k++) {
 		flip(k ? &e.rls.sum.words : &g.gate.saved.sum.words, 5);
-		flip(k ? &e.rls.sum.places : &g.gate.saved.sum.places, 3);
+		flip(k ? &e.rls.sum.weighted : &g.gate.saved.sum.weighted, 3);
 	}
 	CHECK_STATUS(KOOP_E_MEMORY, gate_one(0));
 	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, KOOP(gate_trust)(&g.gate));
@@ -184,15 +185,15 @@ static void test_a_root_form_that_says_it_is_indefinite_is_definite_again(void) 
 	TEST_ASSERT_EQUAL_INT(1, e.rls.positive_definite);
 }
 
-/* ---- Guard --------------------------------------------------------------------------------- */
+/* ---- Supervisor --------------------------------------------------------------------------------- */
 
 static KOOP(mpc) mpc;
-static KOOP(guard) guard;
+static KOOP(supervisor) supervisor;
 static real mpc_storage[KOOP_MPC_REALS_GRADIENT(N, 1, M, HORIZON)];
-enum { GUARD_REALS = KOOP_GUARD_REALS(N, 1, M, HORIZON) };
-static real guard_storage[GUARD_REALS];
+enum { SUPERVISOR_REALS = KOOP_SUPERVISOR_REALS(N, 1, M, HORIZON) };
+static real supervisor_storage[SUPERVISOR_REALS];
 
-static void start_guard(void) {
+static void start_supervisor(void) {
 	static const real one[M * M] = {1, 0, 0, 1}, low[M] = {-1, -1}, high[M] = {1, 1}, safe[M] = {0};
 	const KOOP(mpc_config) config = {.n_lifted = N,
 	                                 .n_states = 1,
@@ -210,72 +211,78 @@ static void start_guard(void) {
 	start(&KOOP(reg_ef), &KOOP(form_sqrt));
 	CHECK_STATUS(KOOP_OK, KOOP(rls_copy_theta)(&e.rls, theta));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&mpc, &config, mpc_storage, sizeof mpc_storage / sizeof *mpc_storage));
-	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&guard, NULL, &mpc, theta, guard_storage, GUARD_REALS));
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(supervisor_init)(&supervisor, NULL, &mpc, theta, supervisor_storage, SUPERVISOR_REALS));
 }
 
-static int guard_one(void) {
+static int supervisor_one(void) {
 	const real psi[N] = {1, 0, 0, 0}, reference[HORIZON] = {0};
 	real u[M];
-	return KOOP(guard_control)(&guard, &e.rls, &mpc, psi, reference, NULL, u, NULL);
+	return KOOP(supervisor_control)(&supervisor, &e.rls, &mpc, psi, reference, NULL, u, NULL);
 }
 
-static void test_any_bit_of_the_guards_models_and_checksum_is_mended(void) {
-	static real expected[GUARD_REALS];
-	start_guard();
-	CHECK_STATUS(KOOP_OK, guard_one());
-	const KOOP(guard) before = guard; /* too short in use for its model to become the last good one */
-	memcpy(expected, guard_storage, sizeof expected);
-	const size_t bits = 8 * (size_t)(guard.now - guard.offline) * sizeof(real);
+static void test_any_bit_of_the_supervisors_models_and_checksum_is_repaired(void) {
+	static real expected[SUPERVISOR_REALS];
+	start_supervisor();
+	CHECK_STATUS(KOOP_OK, supervisor_one());
+	const KOOP(supervisor) before =
+	    supervisor; /* too short in use for its model to become the last good one */
+	memcpy(expected, supervisor_storage, sizeof expected);
+	const size_t bits = 8 * (size_t)(supervisor.now - supervisor.offline) * sizeof(real);
 	for (size_t bit = 0; bit < bits + BITS; bit++) {
-		guard = before;
-		flip(bit < bits ? (void *)guard.offline : (void *)&guard.sum, bit < bits ? bit : bit - bits);
-		CHECK_STATUS(KOOP_OK, guard_one());
-		TEST_ASSERT_EQUAL_MEMORY(expected, guard_storage, bits / 8);
-		TEST_ASSERT_EQUAL_MEMORY(&before.sum, &guard.sum, sizeof before.sum);
+		supervisor = before;
+		flip(bit < bits ? (void *)supervisor.offline : (void *)&supervisor.sum,
+		     bit < bits ? bit : bit - bits);
+		CHECK_STATUS(KOOP_OK, supervisor_one());
+		TEST_ASSERT_EQUAL_MEMORY(expected, supervisor_storage, bits / 8);
+		TEST_ASSERT_EQUAL_MEMORY(&before.sum, &supervisor.sum, sizeof before.sum);
 	}
-	flip(&guard.sum.words, 5);
-	flip(&guard.sum.places, 3);
-	CHECK_STATUS(KOOP_E_MEMORY, guard_one());
+	flip(&supervisor.sum.words, 5);
+	flip(&supervisor.sum.weighted, 3);
+	CHECK_STATUS(KOOP_E_MEMORY, supervisor_one());
 }
 
 /* The longest wait is 16 times the patience, which is 15. */
-static void test_the_guard_comes_back_to_the_online_model_whatever_flips_in_its_waiting(void) {
-	start_guard();
-	size_t *const counters[] = {&guard.wait, &guard.delay};
+static void test_the_supervisor_comes_back_to_the_online_model_whatever_flips_in_its_waiting(void) {
+	start_supervisor();
+	size_t *const counters[] = {&supervisor.wait, &supervisor.delay};
 	for (size_t c = 0; c < 2; c++) {
 		for (size_t bit = 0; bit < 8 * sizeof(size_t); bit++) {
 			flip(counters[c], bit);
-			for (int k = 0; k < 16 * 15 + 1; k++) { CHECK_STATUS(KOOP_OK, guard_one()); }
-			CHECK(guard.model == KOOP_GUARD_ONLINE, "counter %d, bit %d", (int)c, (int)bit);
+			for (int k = 0; k < 16 * 15 + 1; k++) { CHECK_STATUS(KOOP_OK, supervisor_one()); }
+			CHECK(supervisor.model == KOOP_SUPERVISOR_ONLINE, "counter %d, bit %d", (int)c, (int)bit);
 		}
 	}
 }
 
-static void test_the_guard_forgets_an_error_that_is_not_finite(void) {
-	start_guard();
-	for (int model = KOOP_GUARD_ONLINE; model <= KOOP_GUARD_OFFLINE; model++) {
+static void test_the_supervisor_forgets_an_error_that_is_not_finite(void) {
+	start_supervisor();
+	for (int model = KOOP_SUPERVISOR_ONLINE; model <= KOOP_SUPERVISOR_OFFLINE; model++) {
 		for (int k = 0; k < 2; k++) {
-			guard.error[model] = (real)(k ? NAN : INFINITY);
+			supervisor.error[model] = (real)(k ? NAN : INFINITY);
 			real zeta[D], psi_next[N];
 			draw(zeta, psi_next);
-			CHECK_STATUS(KOOP_OK, KOOP(guard_update)(&guard, &e.rls, zeta, zeta + N, psi_next, NULL));
-			for (int m = 0; m <= KOOP_GUARD_OFFLINE; m++) { TEST_ASSERT_TRUE(isfinite(guard.error[m])); }
+			CHECK_STATUS(KOOP_OK,
+			             KOOP(supervisor_update)(&supervisor, &e.rls, zeta, zeta + N, psi_next, NULL));
+			for (int m = 0; m <= KOOP_SUPERVISOR_OFFLINE; m++) {
+				TEST_ASSERT_TRUE(isfinite(supervisor.error[m]));
+			}
 		}
 	}
 }
 
 int main(void) {
 	UNITY_BEGIN();
-	RUN_TEST(test_any_bit_of_what_was_learned_is_mended);
-	RUN_TEST(test_any_bit_of_the_checksum_itself_is_mended);
+	RUN_TEST(test_any_bit_of_what_was_learned_is_repaired);
+	RUN_TEST(test_any_bit_of_the_checksum_itself_is_repaired);
 	RUN_TEST(test_two_flipped_bits_are_reported);
 	RUN_TEST(test_a_refusal_is_not_taken_for_a_flip);
-	RUN_TEST(test_any_bit_of_what_the_gate_knows_is_mended);
+	RUN_TEST(test_any_bit_of_what_the_gate_knows_is_repaired);
 	RUN_TEST(test_a_gate_that_cannot_be_mended_begins_anew);
-	RUN_TEST(test_the_gate_replaces_a_learner_that_cannot_be_mended);
+	RUN_TEST(test_the_gate_replaces_a_learner_that_cannot_be_repaired);
 	RUN_TEST(test_a_root_form_that_says_it_is_indefinite_is_definite_again);
-	RUN_TEST(test_any_bit_of_the_guards_models_and_checksum_is_mended);
-	RUN_TEST(test_the_guard_comes_back_to_the_online_model_whatever_flips_in_its_waiting);
-	RUN_TEST(test_the_guard_forgets_an_error_that_is_not_finite);
+	RUN_TEST(test_any_bit_of_the_supervisors_models_and_checksum_is_repaired);
+	RUN_TEST(test_the_supervisor_comes_back_to_the_online_model_whatever_flips_in_its_waiting);
+	RUN_TEST(test_the_supervisor_forgets_an_error_that_is_not_finite);
 	return UNITY_END();
 }

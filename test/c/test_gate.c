@@ -92,7 +92,7 @@ static void test_what_is_taken_is_learned_as_without_it(void) {
 			CHECK_STATUS(KOOP_OK, estimator_update(&twin, zeta, psi_next, &twins));
 			TEST_ASSERT_TRUE(memcmp(&health.innovation, &twins.innovation, sizeof(real)) == 0);
 			TEST_ASSERT_TRUE(memcmp(&health.trace, &twins.trace, sizeof(real)) == 0);
-			TEST_ASSERT_EQUAL_INT(twins.gated, health.gated);
+			TEST_ASSERT_EQUAL_INT(twins.frozen, health.frozen);
 		}
 		learned alone;
 		learned_take(&alone, &twin);

@@ -31,7 +31,7 @@ typedef struct {
 	size_t judged, failed;
 	wide nis, kept_nis, previous_nis;
 	int worst;
-	size_t mended[2]; /* flipped bits of the learner, and of what is saved */
+	size_t repaired[2]; /* flipped bits of the learner, and of what is saved */
 	int close;        /* a decision hung on less than rounding: from here on the two may differ */
 } rules;
 
@@ -68,7 +68,7 @@ static void rules_start(rules *t, const estimator *of, const KOOP(gate_config) *
 	t->patience = config->patience > 0 ? config->patience : 5;
 	t->hold = config->hold > 0 ? config->hold : 1000;
 	t->close = 0;
-	t->mended[0] = t->mended[1] = 0;
+	t->repaired[0] = t->repaired[1] = 0;
 	rules_begin(t);
 	estimator *const all[] = {&t->learner, &t->judge};
 	for (size_t i = 0; i < 2; i++) {
@@ -294,8 +294,8 @@ static void check_counts(void) {
 	TEST_ASSERT_EQUAL_INT(twin.restored_once, gate.restored_once);
 	TEST_ASSERT_EQUAL_INT(twin.changed, gate.changed);
 	TEST_ASSERT_EQUAL_INT(twin.worst, gate.worst);
-	TEST_ASSERT_EQUAL_size_t(twin.mended[0], e.rls.mended);
-	TEST_ASSERT_EQUAL_size_t(twin.mended[1], gate.saved.mended);
+	TEST_ASSERT_EQUAL_size_t(twin.repaired[0], e.rls.repaired);
+	TEST_ASSERT_EQUAL_size_t(twin.repaired[1], gate.saved.repaired);
 }
 
 /* The sum of words of 32 bits and that of each times its distance from the end, for a gate of a learner that
@@ -310,7 +310,7 @@ static void check_checksum(void) {
 	const size_t count = (means + state) / 4;
 	for (size_t i = 0; i < count; i++) {
 		expected.words += words[i];
-		expected.places += (uint64_t)words[i] * (count - i);
+		expected.weighted += (uint64_t)words[i] * (count - i);
 	}
 	TEST_ASSERT_EQUAL_MEMORY(&expected, &gate.sum, sizeof expected);
 }
@@ -330,13 +330,13 @@ static void check_all(void) {
 /* A refused sample has no more to say than its innovation. */
 static void check_health(int status, const KOOP(health) *now, const KOOP(health) *expected) {
 	if (status == KOOP_E_OUTLIER) {
-		TEST_ASSERT_EQUAL_INT(0, now->gated);
+		TEST_ASSERT_EQUAL_INT(0, now->frozen);
 		TEST_ASSERT_EQUAL_INT(1, now->finite);
 		return;
 	}
 	TEST_ASSERT_TRUE(memcmp(&now->innovation, &expected->innovation, sizeof(real)) == 0);
 	TEST_ASSERT_TRUE(memcmp(&now->trace, &expected->trace, sizeof(real)) == 0);
-	TEST_ASSERT_EQUAL_INT(expected->gated, now->gated);
+	TEST_ASSERT_EQUAL_INT(expected->frozen, now->frozen);
 	TEST_ASSERT_EQUAL_INT(expected->finite, now->finite);
 	TEST_ASSERT_EQUAL_INT(expected->positive_definite, now->positive_definite);
 }
@@ -412,7 +412,7 @@ static void flip(void *at, size_t bits) {
 /* No single bit accounts for this. */
 static void flip_two(koop_checksum *sum) {
 	sum->words ^= 32;
-	sum->places ^= 8;
+	sum->weighted ^= 8;
 }
 
 /* One flipped bit leaves no trace; of two, what they are in begins anew. */
@@ -421,7 +421,7 @@ static void flip_something(void) {
 	KOOP(rls) *const model = which % 2 ? &gate.saved : &e.rls;
 	if (which < 2) {
 		flip(model->theta, model->kept * 8 * sizeof(real));
-		twin.mended[which]++;
+		twin.repaired[which]++;
 	}
 	if (which == 2) { flip(gate.variance, 3 * twin.N * 8 * sizeof(real)); }
 	if (which == 3) { flip((unsigned char *)&gate + from, (sizeof gate - from) * 8); }
@@ -491,7 +491,7 @@ static void test_what_cannot_be_mended_changes_trust_alone(void) {
 	KOOP(health) health;
 	CHECK_STATUS(KOOP_E_MEMORY, KOOP(gate_update)(&gate, &e.rls, zeta, zeta + 3, psi_next, &health));
 	TEST_ASSERT_EQUAL_INT(KOOP_REFUSE, KOOP(gate_trust)(&gate));
-	TEST_ASSERT_TRUE(health.innovation <= 0 && health.innovation >= 0 && !health.gated);
+	TEST_ASSERT_TRUE(health.innovation <= 0 && health.innovation >= 0 && !health.frozen);
 	twin.trust = twin.worst = KOOP_REFUSE;
 	check_all();
 	check_means(before.recent_variance, twin.recent_variance, "recent");

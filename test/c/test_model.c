@@ -305,7 +305,7 @@ static void test_covariance_of_another_form_is_refused(void) {
 	check_refused(with_covariance, BYTES_P, "without P^-1");
 }
 
-/* A form of one's own that does not say how: Theta alone goes in and out. */
+/* Your own form that does not say how: Theta alone goes in and out. */
 static void test_form_that_stores_no_covariance(void) {
 	KOOP(form) own = KOOP(form_sqrt);
 	store_covariance(&KOOP(form_sqrt));

@@ -199,7 +199,7 @@ static void see_steepness(second *s, const wide *way, const wide *bent) {
 	s->steepest = fmax(s->steepest, product(&s->now, way, bent) / square);
 }
 
-/* A gradient step of the inputs inside the limits, cut off by these. */
+/* A gradient step of the inputs inside the limits, truncated by these. */
 static void projected_step(second *s) {
 	wide g[MOST], way[MOST];
 	gradient_at(&s->now, s->v, g);
@@ -356,7 +356,7 @@ static void find_way(second *s, wide *way) {
 	} while (choose_free(s, back));
 }
 
-/* Along the way, cut off by the limits: all of it, a quarter and so on, until that goes down; at last only to
+/* Along the way, truncated by the limits: all of it, a quarter and so on, until that goes down; at last only to
  * the first limit. Returns whether it goes down. */
 static int go_down(second *s, const wide *way) {
 	const wide least = fmin(1, room_of(&s->now, s->v, way)) * (1 + 4 * (wide)REAL_EPSILON);

@@ -46,7 +46,7 @@ static void check_health_of_refusal(const KOOP(health) *health, int finite, int 
 	const wide trace = trace_of(now.covariance, D);
 	TEST_ASSERT_EQUAL_INT(finite, health->finite);
 	TEST_ASSERT_EQUAL_INT(positive_definite, health->positive_definite);
-	TEST_ASSERT_EQUAL_INT(0, health->gated);
+	TEST_ASSERT_EQUAL_INT(0, health->frozen);
 	/* of P as it was kept */
 	CHECK(fabs((wide)health->trace - trace) <= D * (wide)REAL_EPSILON * trace, "%g", (double)health->trace);
 	real least = now.covariance[0];
@@ -410,12 +410,12 @@ static void test_reset_clears_the_report(void) {
 
 	CHECK_STATUS(KOOP_OK, KOOP(rls_predict)(&seen.rls, zeta, zeta + N, psi_next));
 	CHECK_STATUS(KOOP_OK, estimator_update(&seen, zeta, psi_next, &health));
-	TEST_ASSERT_EQUAL_INT(1, health.gated);
+	TEST_ASSERT_EQUAL_INT(1, health.frozen);
 	TEST_ASSERT_EQUAL_INT(0, health.positive_definite);
 
 	CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, 1));
 	CHECK_STATUS(KOOP_OK, estimator_update(&seen, zeta, psi_next, &health));
-	TEST_ASSERT_EQUAL_INT(1, health.gated);
+	TEST_ASSERT_EQUAL_INT(1, health.frozen);
 	TEST_ASSERT_EQUAL_INT(1, health.positive_definite);
 }
 

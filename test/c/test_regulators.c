@@ -44,7 +44,7 @@ static void test_follow_the_paper(void) {
 					respond(&random, theta_true, zeta, N, d, 0.1, psi_next);
 					CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
 					const int gated = reference_update(&paper, zeta, psi_next);
-					CHECK(health.gated == gated, "%s step %d", estimator_name(&e), k);
+					CHECK(health.frozen == gated, "%s step %d", estimator_name(&e), k);
 					gated_count += gated;
 
 					learned_take(&now, &e);
@@ -115,7 +115,7 @@ static int decide_covariance_alone(KOOP(rls) *rls, real innovation, KOOP(step) *
 	return KOOP_OK;
 }
 
-/* A regulator of one's own that leaves Theta alone: P goes on as by exponential forgetting. */
+/* Your own regulator that leaves Theta alone: P goes on as by exponential forgetting. */
 static void test_covariance_without_theta(void) {
 	enum { N = 3, M = 2, D = N + M };
 	const KOOP(regulator) own = {"own", 0, decide_covariance_alone, 1};
@@ -136,7 +136,7 @@ static void test_covariance_without_theta(void) {
 			random_fill(&random, psi_next, N, -1, 1);
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
 			CHECK_STATUS(KOOP_OK, estimator_update(&twin, zeta, psi_next, NULL));
-			TEST_ASSERT_EQUAL_INT(0, health.gated);
+			TEST_ASSERT_EQUAL_INT(0, health.frozen);
 		}
 		learned_take(&after, &e);
 		learned_take(&twins, &twin);
@@ -224,7 +224,7 @@ static void test_dead_zones_gate_at_delta(void) {
 				learned_take(&before, &e);
 				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
 				learned_take(&after, &e);
-				TEST_ASSERT_EQUAL_INT(!above, health.gated);
+				TEST_ASSERT_EQUAL_INT(!above, health.frozen);
 				TEST_ASSERT_EQUAL_INT(!above, learned_same_covariance(&before, &after, &e));
 				TEST_ASSERT_EQUAL_INT(!above && ks, learned_same_theta(&before, &after, &e));
 			}
@@ -333,7 +333,7 @@ static void test_sift_ignores_what_carries_no_information(void) {
 			learned_take(&before, &e);
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
 			learned_take(&after, &e);
-			TEST_ASSERT_EQUAL_INT(!enough, health.gated);
+			TEST_ASSERT_EQUAL_INT(!enough, health.frozen);
 			TEST_ASSERT_EQUAL_INT(!enough, learned_same_theta(&before, &after, &e));
 			TEST_ASSERT_EQUAL_INT(!enough, learned_same_covariance(&before, &after, &e));
 		}
@@ -426,10 +426,10 @@ static void test_sift_takes_what_is_above_the_least_information_by_default(void)
 			KOOP(health) health;
 			estimator_default(&e, 1, 1, &KOOP(reg_sift), all_forms[f]);
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
-			TEST_ASSERT_EQUAL_INT(!enough, health.gated);
+			TEST_ASSERT_EQUAL_INT(!enough, health.frozen);
 			const real nothing[2] = {0};
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, nothing, psi_next, &health));
-			TEST_ASSERT_EQUAL_INT(1, health.gated);
+			TEST_ASSERT_EQUAL_INT(1, health.frozen);
 		}
 	}
 }

@@ -5,7 +5,7 @@
  *
  * Of NaN only that it is one goes into the digest: its sign and payload are the processor's choice. Needs
  * nothing of libm, so that nothing but the library can differ. */
-#include "tinykoop_guard.h"
+#include "tinykoop_supervisor.h"
 #include "precision.h"
 
 #include <stdio.h>
@@ -114,7 +114,7 @@ static void note_health(const KOOP(health) *health) {
 	note(&health->innovation, 1);
 	note(&health->trace, 1);
 	note(&health->min_diagonal, 1);
-	note_number(health->gated + 2 * health->positive_definite + 4 * health->finite);
+	note_number(health->frozen + 2 * health->positive_definite + 4 * health->finite);
 }
 
 static void note_learned(void) {
@@ -262,8 +262,8 @@ typedef struct {
 
 static KOOP(mpc) mpc;
 static real mpc_storage[KOOP_MPC_REALS_NEWTON(22, STATES, M, HORIZON) + KOOP_MPC_REALS_RATE(M, HORIZON)];
-static KOOP(guard) guard;
-static real guard_storage[KOOP_GUARD_REALS(22, STATES, M, HORIZON)];
+static KOOP(supervisor) supervisor;
+static real supervisor_storage[KOOP_SUPERVISOR_REALS(22, STATES, M, HORIZON)];
 static real offline[(22 + M) * KOOP_PAD(22)];
 
 /* The differential-drive robot, with the library's own sine. */
@@ -301,13 +301,13 @@ static void loop_start(const loop *l) {
 }
 
 /* Applies u to the robot and learns from what it does. */
-static void loop_step(const loop *l, int guarded, const real *u, real *x, real *psi) {
+static void loop_step(const loop *l, int supervised, const real *u, real *x, real *psi) {
 	real next[22];
 	KOOP(health) health;
 	move(x, u);
 	note_number(KOOP(lift)(l->dictionary, x, next));
-	note_number(guarded ? KOOP(guard_update)(&guard, &rls, psi, u, next, &health)
-	                    : KOOP(rls_update)(&rls, psi, u, next, &health));
+	note_number(supervised ? KOOP(supervisor_update)(&supervisor, &rls, psi, u, next, &health)
+	                       : KOOP(rls_update)(&rls, psi, u, next, &health));
 	note_health(&health);
 	memcpy(psi, next, l->dictionary->n_lifted * sizeof *psi);
 	note(x, STATES);
@@ -359,20 +359,21 @@ static void run(const loop *l) {
 }
 
 /* The learner is led astray by samples of another robot, and comes back. */
-static void run_guarded(const loop *l) {
+static void run_supervised(const loop *l) {
 	real x[STATES] = {0, 0, 0}, psi[22], path[HORIZON * STATES], u[M] = {0, 0};
 	KOOP(mpc_result) result;
-	printf(PART "guard-%s", l->dictionary->name);
+	printf(PART "supervisor-%s", l->dictionary->name);
 	part_begin();
 	loop_start(l);
 	loop_learn(l, x, psi);
 	const size_t size = rls.n_regressors * rls.n_lifted_padded;
 	memcpy(offline, rls.theta, size * sizeof *offline);
-	note_number(KOOP(guard_init)(&guard, NULL, &mpc, offline, guard_storage, COUNT(guard_storage)));
+	note_number(KOOP(supervisor_init)(&supervisor, NULL, &mpc, offline, supervisor_storage,
+	                                  COUNT(supervisor_storage)));
 	for (int k = 0; k < 60; k++) {
 		loop_path(x, path);
-		note_number(KOOP(guard_control)(&guard, &rls, &mpc, psi, path, u, u, &result));
-		note_number(guard.model);
+		note_number(KOOP(supervisor_control)(&supervisor, &rls, &mpc, psi, path, u, u, &result));
+		note_number(supervisor.model);
 		note(u, M);
 		note(&result.residual, 1);
 		const real wrong[M] = {k >= 20 && k < 25 ? -4 * u[0] : u[0], u[1]};
@@ -400,6 +401,6 @@ int main(void) {
 	gated_updates();
 	small_parts();
 	for (size_t i = 0; i < COUNT(loops); i++) { run(loops + i); }
-	run_guarded(loops);
+	run_supervised(loops);
 	return 0;
 }

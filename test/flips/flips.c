@@ -1,19 +1,17 @@
-/* One flipped bit in what a learner, its gate, its guard and its controller keep, between two calls, beside
- * a twin of which none flips. A JSON line for each part of the storage.
+/* One flipped bit in what a learner, its gate, its supervisor and its controller keep, between two calls,
+ * beside a twin of which none flips. A JSON line for each part of the storage.
  *
  *     flips_koopf USE REGULATOR FORM CHECK TRIALS SEED
  *
  * TRIALS of each part: word after word from any one on, any bit of it, at any time of a run.
  *
  * Each trial is one of:
- *     detected  within WATCHED samples a status, the health, gate_trust(), rls.mended or the guard was worse
- *               than the twin's at the same sample
- *     harmless  none was, and after WATCHED samples the model predicts samples that it has not seen with
- *               at most AS_GOOD times the twin's mean square error; both hold the noise of the sensors. In a
- *               closed loop the cost of these samples, too, is at most AS_GOOD times the twin's, and no input
- *               was unsafe. Errors inside the dead zone count for none, as nothing is to be learned there.
- *     silent    neither
- * Beside that: for_ever, where LASTING samples after the flip the sample or the plan was refused,
+ *     detected  within WATCHED samples a status, the health, gate_trust(), rls.repaired or the supervisor was
+ * worse than the twin's at the same sample harmless  none was, and after WATCHED samples the model predicts
+ * samples that it has not seen with at most AS_GOOD times the twin's mean square error; both hold the noise
+ * of the sensors. In a closed loop the cost of these samples, too, is at most AS_GOOD times the twin's, and
+ * no input was unsafe. Errors inside the dead zone count for none, as nothing is to be learned there. silent
+ * neither Beside that: for_ever, where LASTING samples after the flip the sample or the plan was refused,
  * gate_trust() said so, or the online model was not planned on, and so it went on for as many more, but not
  * with the twin; unsafe, where an input was not finite or outside its limits, whatever was reported. */
 #include "world.h"
@@ -42,7 +40,7 @@ typedef struct {
 	unsigned char *at;
 	size_t words, next; /* the word of the next trial */
 	unsigned long trials, detected, harmless, silent, for_ever, unsafe;
-	size_t word, bit, time; /* of the first trial that was silent, refused for ever or unsafe */
+	size_t word, bit, time; /* of the first trial that was silent, refused forever or unsafe */
 } area;
 
 typedef struct {
@@ -70,19 +68,20 @@ static void list_learner(list *l, KOOP(rls) *rls, const real *end, const char *c
 	add(l, names[1], rls->covariance, rls->zeta);
 	add(l, names[2], rls->zeta, end);
 	add_fields(l, names[3], rls, offsetof(KOOP(rls), covariance_scale), offsetof(KOOP(rls), positive_definite));
-	add_fields(l, names[4], rls, offsetof(KOOP(rls), sum), offsetof(KOOP(rls), mended));
+	add_fields(l, names[4], rls, offsetof(KOOP(rls), sum), offsetof(KOOP(rls), repaired));
 	add_fields(l, names[5], rls, offsetof(KOOP(rls), positive_definite), offsetof(KOOP(rls), short_memory));
 }
 
 static void list_control(list *l, world *w) {
-	KOOP(guard) *guard = &w->guard;
+	KOOP(supervisor) *supervisor = &w->supervisor;
 	KOOP(mpc) *mpc = &w->mpc;
 	real *end = w->mpc_storage + sizeof w->mpc_storage / sizeof *w->mpc_storage;
-	add(l, "guard's models", guard->offline, guard->now);
-	add(l, "guard's scratch", guard->now, guard->target);
-	add(l, "guard's target", guard->target, guard->target + TRACKED);
-	add_fields(l, "guard's checksum", guard, offsetof(KOOP(guard), sum), sizeof *guard);
-	add_fields(l, "guard's state", guard, offsetof(KOOP(guard), error), offsetof(KOOP(guard), sum));
+	add(l, "supervisor's models", supervisor->offline, supervisor->now);
+	add(l, "supervisor's scratch", supervisor->now, supervisor->target);
+	add(l, "supervisor's target", supervisor->target, supervisor->target + TRACKED);
+	add_fields(l, "supervisor's checksum", supervisor, offsetof(KOOP(supervisor), sum), sizeof *supervisor);
+	add_fields(l, "supervisor's state", supervisor, offsetof(KOOP(supervisor), error),
+	           offsetof(KOOP(supervisor), sum));
 	add(l, "controller's model", mpc->markov, mpc->plan);
 	add(l, "controller's plan", mpc->plan, mpc->gradient);
 	add(l, "controller's vectors", mpc->gradient, (real *)(void *)mpc->set);
@@ -130,7 +129,7 @@ static void watch(world *w, course *c) {
 static int is_worse(const report *r, const report *twin) {
 	const int statuses = (r->learned && !twin->learned) || (r->controlled && !twin->controlled);
 	const int judged = r->trust > twin->trust || r->model > twin->model || r->unhealthy > twin->unhealthy;
-	return statuses || judged || r->mended > twin->mended || r->resets > twin->resets;
+	return statuses || judged || r->repaired > twin->repaired || r->resets > twin->resets;
 }
 
 static int is_detected(const course *c, const course *twin) {
@@ -151,13 +150,13 @@ static int is_harmless(const world *w, const course *c, const course *twin) {
 	return c->error <= most && c->cost <= AS_GOOD * twin->cost && !c->unsafe;
 }
 
-/* Which of learner, controller, gate and guard refuse, as bits. */
+/* Which of learner, controller, gate and supervisor refuse, as bits. */
 static int refusals(const report *r) {
 	return (r->learned != KOOP_OK) + 2 * (r->controlled != KOOP_OK) + 4 * (r->trust >= KOOP_REFUSE) +
-	       8 * (r->model != KOOP_GUARD_ONLINE);
+	       8 * (r->model != KOOP_SUPERVISOR_ONLINE);
 }
 
-/* Which of them refuse for ever from LASTING samples on; or whether an input is unsafe before. */
+/* Which of them refuse forever from LASTING samples on; or whether an input is unsafe before. */
 static int lasting_refusals(world *w, int *unsafe) {
 	int refused = 0;
 	for (size_t k = 0; k < LASTING; k++) {
@@ -174,12 +173,12 @@ static int lasting_refusals(world *w, int *unsafe) {
 
 /* But for what was counted. */
 static int same_state(world *w, const world *twin) {
-	w->rls.mended = twin->rls.mended;
-	w->gate.saved.mended = twin->gate.saved.mended;
+	w->rls.repaired = twin->rls.repaired;
+	w->gate.saved.repaired = twin->gate.saved.repaired;
 	return memcmp(w, twin, sizeof *w) == 0;
 }
 
-/* Whether the flip has made it refuse for ever; w and twin are WATCHED samples on. */
+/* Whether the flip has made it refuse forever; w and twin are WATCHED samples on. */
 static int is_refused_for_ever(world *w, const world *twin, int *unsafe) {
 	if (same_state(w, twin)) { return 0; }
 	const int refused = lasting_refusals(w, unsafe);

@@ -111,13 +111,12 @@ static int is_gated(const world *w) {
 
 static void learn(world *w, const lifted *s, report *r) {
 	KOOP(health) health = {0, 0, 0, 0, 1, 1, 0, 0};
-	r->learned = w->closed ? KOOP(guard_update)(&w->guard, &w->rls, s->psi, s->u, s->next, &health)
-	             : is_gated(w)
-	                 ? KOOP(gate_update)(&w->gate, &w->rls, s->psi, s->u, s->next, &health)
-	                 : KOOP(rls_update)(&w->rls, s->psi, s->u, s->next, &health);
+	r->learned = w->closed ? KOOP(supervisor_update)(&w->supervisor, &w->rls, s->psi, s->u, s->next, &health)
+	             : is_gated(w) ? KOOP(gate_update)(&w->gate, &w->rls, s->psi, s->u, s->next, &health)
+	                           : KOOP(rls_update)(&w->rls, s->psi, s->u, s->next, &health);
 	r->unhealthy = !health.finite || !health.positive_definite || health.winding_up;
 	r->innovation = (double)health.innovation;
-	r->mended = w->rls.mended;
+	r->repaired = w->rls.repaired;
 	if (is_gated(w)) { r->trust = KOOP(gate_trust)(&w->gate); }
 }
 
@@ -129,9 +128,9 @@ static void control(world *w, lifted *s, report *r) {
 	for (size_t i = 0; i < INPUTS; i++) { before[i] = (real)w->u[i]; }
 	lift(w, w->x, s->psi);
 	r->controlled =
-	    KOOP(guard_control)(&w->guard, &w->rls, &w->mpc, s->psi, reference, before, s->u, NULL);
-	r->model = w->guard.model;
-	r->resets = w->guard.resets;
+	    KOOP(supervisor_control)(&w->supervisor, &w->rls, &w->mpc, s->psi, reference, before, s->u, NULL);
+	r->model = w->supervisor.model;
+	r->resets = w->supervisor.resets;
 	for (size_t i = 0; i < INPUTS; i++) {
 		/* written so that NaN fails */
 		r->unsafe |= !(s->u[i] >= low[i] && s->u[i] <= high[i]);
@@ -178,12 +177,12 @@ static void start_control(world *w) {
 	    .u_safe = safe,
 	    .method = w->use == NEWTON ? KOOP_MPC_NEWTON : KOOP_MPC_GRADIENT,
 	};
-	const KOOP(guard_config) guard = {.gate = &w->gate};
+	const KOOP(supervisor_config) supervisor = {.gate = &w->gate};
 	real offline[(TRACKED + INPUTS) * KOOP_PAD(TRACKED)] = {0};
 	carts_offline(w, offline);
 	must(KOOP(rls_copy_theta)(&w->rls, offline));
 	must(KOOP(mpc_init)(&w->mpc, &config, REALS(w->mpc_storage)));
-	must(KOOP(guard_init)(&w->guard, &guard, &w->mpc, offline, REALS(w->guard_storage)));
+	must(KOOP(supervisor_init)(&w->supervisor, &supervisor, &w->mpc, offline, REALS(w->supervisor_storage)));
 }
 
 void world_start(world *w, protection use, const KOOP(config) *config, uint64_t seed) {

@@ -3,7 +3,7 @@
 #ifndef WORLD_H
 #define WORLD_H
 
-#include "tinykoop_guard.h" /* first: it leaves KOOP undefined */
+#include "tinykoop_supervisor.h" /* first: it leaves KOOP undefined */
 
 #include "plant.h"
 
@@ -21,18 +21,18 @@ extern const char *const use_names[USES];
 
 typedef struct {
 	protection use;
-	int closed; /* 1: guard and controller, in a closed loop */
+	int closed; /* 1: supervisor and controller, in a closed loop */
 	random_source random;
 	size_t time;
 	double x[MOST_STATES], u[INPUTS]; /* of the robot under control */
 	KOOP(dictionary) dictionary;
 	KOOP(rls) rls;
 	KOOP(gate) gate;
-	KOOP(guard) guard;
+	KOOP(supervisor) supervisor;
 	KOOP(mpc) mpc;
 	real storage[KOOP_RLS_REALS_PLAIN(LIFTED, INPUTS)];
 	real gate_storage[KOOP_GATE_REALS_PLAIN(LIFTED, INPUTS)];
-	real guard_storage[KOOP_GUARD_REALS(TRACKED, TRACKED, INPUTS, HORIZON)];
+	real supervisor_storage[KOOP_SUPERVISOR_REALS(TRACKED, TRACKED, INPUTS, HORIZON)];
 	real mpc_storage[KOOP_MPC_REALS_NEWTON(TRACKED, TRACKED, INPUTS, HORIZON) +
 	                 KOOP_MPC_REALS_RATE(INPUTS, HORIZON)];
 } world;
@@ -40,9 +40,9 @@ typedef struct {
 /* What one sample showed. */
 typedef struct {
 	int learned, controlled; /* statuses */
-	int trust, model;        /* gate_trust() and guard.model; 0 without */
+	int trust, model;        /* gate_trust() and supervisor.model; 0 without */
 	int unhealthy;           /* not finite, not positive definite, or winding up */
-	size_t mended, resets;
+	size_t repaired, resets;
 	double innovation, cost;
 	int unsafe; /* the input is not finite, or outside its limits */
 } report;

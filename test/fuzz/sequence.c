@@ -1,4 +1,5 @@
-/* Long sequences of calls on one estimator with its controller, guard and filter: sound settings, any data.
+/* Long sequences of calls on one estimator with its controller, supervisor and filter: sound settings, any
+ * data.
  */
 #include "world.h"
 

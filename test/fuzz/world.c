@@ -162,7 +162,7 @@ void learned_check(const KOOP(rls) *rls) {
 		const double element = (double)P[i * d + i];
 		/* a square may underflow; P itself is as definite as its root */
 		if (is_root) {
-			EXPECT(element >= 0 && rls->covariance[KOOP_TRIANGLE_AT(i, i)] > 0, "P[%zu] %g", i, element);
+			EXPECT(element >= 0 && rls->config.form->get(rls, 0, i, i) > 0, "P[%zu] %g", i, element);
 		}
 		if (!is_root && rls->config.check != KOOP_CHECK_REPORT) {
 			EXPECT(element > 0, "P[%zu] %g", i, element);
@@ -281,7 +281,7 @@ static void check_health(const KOOP(rls) *rls, const KOOP(health) *h, int status
 	       h->finite);
 	EXPECT(!isnan(h->trace), "trace %g", (double)h->trace);
 	EXPECT(isfinite(h->min_diagonal), "least element %g", (double)h->min_diagonal);
-	EXPECT(h->gated == 0 || h->gated == 1, "gated %d", h->gated);
+	EXPECT(h->frozen == 0 || h->frozen == 1, "gated %d", h->frozen);
 	if (status == KOOP_E_INDEFINITE) { EXPECT(!h->positive_definite, "status %d", status); }
 	if (status != KOOP_OK) { return; }
 	EXPECT(isfinite(h->innovation) && h->innovation >= 0, "innovation %g", (double)h->innovation);
@@ -419,7 +419,7 @@ static void call_model_covariance(world *w) {
 	EXPECT(memcmp(bytes, again, size) == 0, "other bytes");
 }
 
-/* A bit flips: it is mended. */
+/* A bit flips: it is repaired. */
 static void call_flip(world *w) {
 	KOOP(rls) *rls = &w->rls;
 	if (!rls->theta || !rls->config.checksum) { return; }
@@ -428,7 +428,7 @@ static void call_flip(world *w) {
 	const size_t at = (take_byte(&w->in) * 256u + take_byte(&w->in)) % bytes;
 	((unsigned char *)rls->theta)[at] ^= (unsigned char)(1u << take_below(&w->in, 8));
 	EXPECT(KOOP(rls_check)(rls) == KOOP_OK, "one bit");
-	rls->mended--;
+	rls->repaired--;
 	learned_expect(&before, rls, "a flipped bit");
 }
 
@@ -553,7 +553,7 @@ static void call_mpc_init(world *w) {
 	                                  needed - lacking);
 	expect_status(w, status, 8);
 	EXPECT(status != KOOP_OK || !(lacking || needed == 0), "%zu reals are enough", needed - lacking);
-	if (status == KOOP_OK) { memset(&w->guard, 0, sizeof w->guard); } /* its Q may be another now */
+	if (status == KOOP_OK) { memset(&w->supervisor, 0, sizeof w->supervisor); } /* its Q may be another now */
 	if (status != KOOP_OK && w->mpc.plan) {
 		EXPECT(memcmp(&before, &w->mpc, sizeof before) == 0, "status %d changes the controller", status);
 	}
@@ -636,11 +636,12 @@ static void call_mpc_read(world *w) {
 	if (status == KOOP_OK && mpc->planned) { EXPECT(all_finite(G, n * m), "not finite"); }
 }
 
-/* ---- Guard ------------------------------------------------------------------------------------------------
+/* ---- Supervisor
+ * ------------------------------------------------------------------------------------------------
  */
 
-static KOOP(guard_config) take_guard_config(world *w) {
-	KOOP(guard_config) c = {0};
+static KOOP(supervisor_config) take_supervisor_config(world *w) {
+	KOOP(supervisor_config) c = {0};
 	const uint8_t kind = take_byte(&w->in);
 	c.gate = kind >= 128 && w->gate.variance ? &w->gate : NULL;
 	if (kind % 2 == 0) { return c; }
@@ -654,48 +655,49 @@ static KOOP(guard_config) take_guard_config(world *w) {
 	return c;
 }
 
-static void call_guard_init(world *w) {
+static void call_supervisor_init(world *w) {
 	const KOOP(mpc_config) *c = &w->mpc.config;
 	const size_t N = c->n_lifted, m = c->n_inputs;
-	const KOOP(guard_config) config = take_guard_config(w);
+	const KOOP(supervisor_config) config = take_supervisor_config(w);
 	const int own =
 	    w->rls.theta && w->rls.n_lifted == N && w->rls.config.n_inputs == m && take_below(&w->in, 2);
 	const real *offline = own ? w->rls.theta : new_reals(&w->in, (N + m) * KOOP_PAD(N));
-	const size_t needed = KOOP_GUARD_REALS(N, c->n_states, m, c->horizon);
+	const size_t needed = KOOP_SUPERVISOR_REALS(N, c->n_states, m, c->horizon);
 	const size_t lacking = w->arbitrary && needed > 0 ? take_below(&w->in, 4) / 3 : 0;
 	real *storage = new_reals(&w->in, needed - lacking);
-	const int status = KOOP(guard_init)(GIVEN(0, &w->guard), GIVEN(4, &config), GIVEN(1, &w->mpc),
-	                                    GIVEN(2, offline), GIVEN(3, storage), needed - lacking);
+	const int status = KOOP(supervisor_init)(GIVEN(0, &w->supervisor), GIVEN(4, &config), GIVEN(1, &w->mpc),
+	                                         GIVEN(2, offline), GIVEN(3, storage), needed - lacking);
 	expect_status(w, status, 4);
 	EXPECT(status != KOOP_OK || !lacking, "%zu reals are enough", needed - lacking);
 }
 
-static void call_guard_update(world *w) {
+static void call_supervisor_update(world *w) {
 	KOOP(rls) *rls = &w->rls;
-	const size_t N = rls->n_lifted, m = rls->config.n_inputs, resets = w->guard.resets;
-	const KOOP(gate) *gate = w->guard.config.gate;
+	const size_t N = rls->n_lifted, m = rls->config.n_inputs, resets = w->supervisor.resets;
+	const KOOP(gate) *gate = w->supervisor.config.gate;
 	const size_t restored = gate ? gate->restored : 0;
 	const real *psi = new_reals(&w->in, N), *u = new_reals(&w->in, m), *psi_next = new_reals(&w->in, N);
 	const learned before = learned_take(rls);
 	KOOP(health) health;
-	const int status = KOOP(guard_update)(GIVEN(0, &w->guard), GIVEN(1, rls), GIVEN(2, psi), GIVEN(3, u),
-	                                      GIVEN(4, psi_next), GIVEN(5, &health));
+	const int status = KOOP(supervisor_update)(GIVEN(0, &w->supervisor), GIVEN(1, rls), GIVEN(2, psi),
+	                                           GIVEN(3, u), GIVEN(4, psi_next), GIVEN(5, &health));
 	expect_status(w, status, 5);
-	const int began_again = w->guard.resets != resets;
-	EXPECT(!began_again || w->guard.resets == resets + 1, "%zu resets after %zu", w->guard.resets, resets);
+	const int began_again = w->supervisor.resets != resets;
+	EXPECT(!began_again || w->supervisor.resets == resets + 1, "%zu resets after %zu", w->supervisor.resets,
+	       resets);
 	const int came_back = gate && gate->restored != restored;
 	if (status != KOOP_OK && !began_again && !came_back) {
-		learned_expect(&before, rls, "refused guard_update()");
+		learned_expect(&before, rls, "refused supervisor_update()");
 	}
 	if (status != KOOP_E_NULL && status != KOOP_E_SIZE && !is_null(w, 5)) {
 		check_health(rls, &health, status);
 	}
-	for (size_t i = 0; w->guard.offline && i < 3; i++) {
-		EXPECT(!isnan(w->guard.error[i]), "error %zu is %g", i, (double)w->guard.error[i]);
+	for (size_t i = 0; w->supervisor.offline && i < 3; i++) {
+		EXPECT(!isnan(w->supervisor.error[i]), "error %zu is %g", i, (double)w->supervisor.error[i]);
 	}
 }
 
-static void call_guard_control(world *w) {
+static void call_supervisor_control(world *w) {
 	KOOP(mpc) *mpc = &w->mpc;
 	const KOOP(mpc_config) *c = &mpc->config;
 	const real *psi = new_reals(&w->in, c->n_lifted),
@@ -705,16 +707,16 @@ static void call_guard_control(world *w) {
 	const learned before = learned_take(&w->rls);
 	KOOP(mpc_result) result;
 	const int status =
-	    KOOP(guard_control)(GIVEN(0, &w->guard), GIVEN(1, &w->rls), GIVEN(2, mpc), GIVEN(3, psi),
-	                        GIVEN(4, reference), GIVEN(6, u_before), GIVEN(5, u), GIVEN(7, &result));
+	    KOOP(supervisor_control)(GIVEN(0, &w->supervisor), GIVEN(1, &w->rls), GIVEN(2, mpc), GIVEN(3, psi),
+	                             GIVEN(4, reference), GIVEN(6, u_before), GIVEN(5, u), GIVEN(7, &result));
 	expect_status(w, status, 6);
-	learned_expect(&before, &w->rls, "guard_control()");
+	learned_expect(&before, &w->rls, "supervisor_control()");
 	if (status == KOOP_E_NULL || status == KOOP_E_SIZE) { return; }
 	check_input(mpc, status, u, GIVEN(7, &result));
-	const int model = w->guard.model;
-	EXPECT(model >= KOOP_GUARD_ONLINE && model <= KOOP_GUARD_NONE, "model %d", model);
-	EXPECT((model == KOOP_GUARD_NONE) == (status != KOOP_OK), "model %d, status %d", model, status);
-	EXPECT(!isnan(w->guard.tracking), "tracking error");
+	const int model = w->supervisor.model;
+	EXPECT(model >= KOOP_SUPERVISOR_ONLINE && model <= KOOP_SUPERVISOR_NONE, "model %d", model);
+	EXPECT((model == KOOP_SUPERVISOR_NONE) == (status != KOOP_OK), "model %d, status %d", model, status);
+	EXPECT(!isnan(w->supervisor.tracking), "tracking error");
 }
 
 /* ---- Gate -------------------------------------------------------------------------------------------------
@@ -778,7 +780,7 @@ void begin_sound(world *w) {
 	call_init(w);
 	call_mpc_init(w);
 	call_set_theta(w);
-	call_guard_init(w);
+	call_supervisor_init(w);
 	call_lowpass_init(w);
 	call_gate_init(w);
 	EXPECT(w->rls.theta || w->rls.config.form == NULL, "sound settings are refused");
@@ -786,11 +788,31 @@ void begin_sound(world *w) {
 
 void call(world *w) {
 	static void (*const calls[])(world *) = {
-	    call_update,    call_guard_update,     call_guard_control, call_mpc_solve,    call_predict,
-	    call_refused,   call_set_theta,        call_copy_theta,    call_get,          call_model,
-	    call_threshold, call_reset_covariance, call_lowpass_step,  call_lowpass_init, call_mpc_read,
-	    call_init,      call_status_message,   call_lift,          call_mpc_init,     call_guard_init,
-	    call_gate_init, call_gate_update,      call_move_limits,   call_flip,         call_model_covariance,
+	    call_update,
+	    call_supervisor_update,
+	    call_supervisor_control,
+	    call_mpc_solve,
+	    call_predict,
+	    call_refused,
+	    call_set_theta,
+	    call_copy_theta,
+	    call_get,
+	    call_model,
+	    call_threshold,
+	    call_reset_covariance,
+	    call_lowpass_step,
+	    call_lowpass_init,
+	    call_mpc_read,
+	    call_init,
+	    call_status_message,
+	    call_lift,
+	    call_mpc_init,
+	    call_supervisor_init,
+	    call_gate_init,
+	    call_gate_update,
+	    call_move_limits,
+	    call_flip,
+	    call_model_covariance,
 	};
 	/* what is called in every cycle of a robot more often than the rest, and now and then again with the same
 	 * data */

@@ -2,7 +2,7 @@
 #ifndef WORLD_H
 #define WORLD_H
 
-#include "tinykoop_guard.h"
+#include "tinykoop_supervisor.h"
 
 #include "fuzz.h"
 #include "precision.h"
@@ -26,12 +26,12 @@ typedef struct {
 	KOOP(dictionary) dictionary;
 	KOOP(rls) rls;
 	KOOP(mpc) mpc;
-	KOOP(guard) guard;
+	KOOP(supervisor) supervisor;
 	KOOP(lowpass) lowpass;
 	KOOP(gate) gate;
 } world;
 
-/* Makes the estimator, the controller, the guard, the gate and the filter of a sound world. */
+/* Makes the estimator, the controller, the supervisor, the gate and the filter of a sound world. */
 void begin_sound(world *w);
 /* One call, chosen and filled by the bytes. */
 void call(world *w);

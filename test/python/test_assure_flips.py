@@ -24,7 +24,7 @@ def test_a_thousandth_may_be_silent_with_gate_and_checksum():
 def test_nothing_may_be_refused_for_ever_with_gate_and_checksum():
     for use in flips.PROTECTED:
         lines = flips.failures([ROW, ROW | {"configuration": use, "silent": 0, "for_ever": 1}])
-        assert len(lines) == 1 and "are refused for ever" in lines[0]
+        assert len(lines) == 1 and "are refused forever" in lines[0]
 
 
 def test_no_input_may_be_unsafe_anywhere():
@@ -62,7 +62,7 @@ def test_a_seed_that_does_not_fit(tmp_path):
 def test_what_does_not_hold_is_refused_and_written_down(tmp_path, monkeypatch):
     monkeypatch.setattr(flips, "build", lambda: None)
     monkeypatch.setattr(flips, "rows_of", lambda kind, trials, seed: [ROW | {"for_ever": 1}, BARE])
-    with pytest.raises(UserError, match="1 promises do not hold: Theta, gate, checksum: 1 of 1000 are refused for ever"):
+    with pytest.raises(UserError, match="1 promises do not hold: Theta, gate, checksum: 1 of 1000 are refused forever"):
         flips.run(tmp_path, 100, 1, flips.KINDS[:1])
     assert len(json.loads((tmp_path / "flips.json").read_text())) == 2
 

@@ -202,7 +202,7 @@ def test_an_argument_is_known_by_the_text_of_the_line():
 
 
 def test_an_argument_for_nothing_is_refused():
-    with pytest.raises(UserError, match="equivalent.txt:2: no mutant.*i <= n"):
+    with pytest.raises(UserError, match="equivalent.txt:2: not a mutant.*i <= n"):
         mutants.read_equivalent(f"# why\n{LINE}\n", set())
 
 
@@ -276,12 +276,12 @@ def tiny(monkeypatch, tmp_path):
     (lib / "src/a.c").write_text("int NAME(int x) {\n\treturn x + 1;\n}\n")
     for precision in trial.PRECISIONS:
         (lib / f"{precision}.c").write_text(f'#define NAME {precision}\n#include "src/a.c"\n')
-        (lib / f"{precision}_guard.c").write_text("")
+        (lib / f"{precision}_supervisor.c").write_text("")
     monkeypatch.setattr(trial, "LIB", lib)
     monkeypatch.setattr(trial, "BUILD", build)
     monkeypatch.setattr(trial, "WORK", build)
     kernel = trial.Kernel("vectors")
-    for unit in ("koopf", "koopf_guard", "koopd", "koopd_guard"):
+    for unit in ("koopf", "koopf_supervisor", "koopd", "koopd_supervisor"):
         assert kernel.compile(lib, unit, kernel.folder)
     kernel.link(kernel.folder)
     program = kernel.folder / "test"

@@ -103,7 +103,7 @@ def run(drive):
             traces = estimator.replay(x, u, every=25)
             figures = (
                 np.nanmean(traces["error"]), traces["norm_p"][-1], traces["norm_a"][-1],
-                100 * traces["gated"].mean(),
+                100 * traces["frozen"].mean(),
             )  # fmt: skip
             known[key] = figures, traces, estimator
         return known[key]

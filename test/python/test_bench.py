@@ -46,7 +46,7 @@ def test_traces_not_asked_for_change_nothing(log, cell):
     full, everything = replayed(log, *cell, every=40)
     assert set(everything) == {*bridge.TRACES, "theta", "covariance"}
     assert {1, 0, -5, -6} >= set(everything["status"]) >= {1, 0, -5}
-    assert cell[2] != "dz_cs" or 0 < everything["gated"].sum() < K
+    assert cell[2] != "dz_cs" or 0 < everything["frozen"].sum() < K
     for asked in [(), *((name,) for name in bridge.TRACES)]:
         estimator, traces = replayed(log, *cell, traces=asked)
         assert set(traces) == set(asked)
@@ -115,7 +115,7 @@ def test_replay_rows(flight, capsys):
             P = (P + P.T) / 2
         else:
             gated += 1
-    assert by_task["replay_f32_N40_dz_cs_sqrt"]["gated"] == pytest.approx(gated / len(u), abs=0.02)
+    assert by_task["replay_f32_N40_dz_cs_sqrt"]["frozen"] == pytest.approx(gated / len(u), abs=0.02)
 
     update.show_replays(rows)
     shown = capsys.readouterr().out

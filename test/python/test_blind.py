@@ -336,6 +336,6 @@ def test_broken_seal_and_half_campaign_are_refused(campaign):
 def test_foreign_folder_is_left_alone(tmp_path):
     (tmp_path / "blind").mkdir()
     (tmp_path / "blind/thesis.tex").write_text("x")
-    with pytest.raises(UserError, match="something else"):
+    with pytest.raises(UserError, match="not the folder of a blind evaluation"):
         blind.generate(tmp_path, 1, 1, {}, ["single"])
     assert (tmp_path / "blind/thesis.tex").exists()

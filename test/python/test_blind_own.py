@@ -1,4 +1,4 @@
-"""The blind check of robots of one's own: what is drawn, how it is sealed and scored."""
+"""The blind check of your own robots: what is drawn, how it is sealed and scored."""
 
 import json
 import random

@@ -171,7 +171,7 @@ def test_command_prints_and_writes(tmp_path):
     log = held(flight("hover", 340), 1.0, 20, 1)
     bridge.write_log(tmp_path / "gale.csv", log.x, log.u, log.dt, "fwmav")
     done = tinykoop("changes", tmp_path / "gale.csv", "--out", tmp_path)
-    assert done.returncode == 0 and "20.5 s" in done.stdout and "changed for good" in done.stdout and len(done.stdout.splitlines()) == 1
+    assert done.returncode == 0 and "20.5 s" in done.stdout and "permanent change" in done.stdout and len(done.stdout.splitlines()) == 1
     assert (tmp_path / "changes_gale.json").exists() and (tmp_path / "changes_gale.png").exists()
 
 

@@ -690,8 +690,8 @@ def test_each_missing_topic_of_a_bag(tmp_path):
 @pytest.mark.parametrize(
     "text, match",
     [
-        ("nonsense", r"say COLUMN=TOPIC\.FIELD, as in px=stateEstimate\.x"),
-        ("=stateEstimate.x", "say COLUMN"),
+        ("nonsense", r"write COLUMN=TOPIC\.FIELD, as in px=stateEstimate\.x"),
+        ("=stateEstimate.x", "write COLUMN"),
         ("gx=gyro.x", "no column 'gx' here; there are px, py, theta, v, omega"),
         ("v=motor.m1", "no topic for 'motor.m1'; it has stateEstimate.x, "),
         ("v=ctrltarget.vy", "no such field; ctrltarget has vx, yaw"),
@@ -748,7 +748,7 @@ def test_cut_off_file_is_refused(tmp_path, form, share):
     if form in ("crazyflie", "csv"):
         cut = data.index(b",", cut) + 1  # in the midst of a line
     path.write_bytes(data[:cut])
-    refused(path, platform, "cut off|damaged|empty")
+    refused(path, platform, "truncated|damaged|empty")
 
 
 def test_usd_with_a_wrong_check_sum(tmp_path):
@@ -831,12 +831,12 @@ def test_format_is_told_from_what_is_in_it(tmp_path):
             other.parent.rename(tmp_path / form)
     path = tmp_path / "notes.txt"
     path.write_text("hello, world\n")
-    message = refused(path, "ddr", "none of the formats")
+    message = refused(path, "ddr", "unknown format")
     assert all(form in message for form in FORMATS)
     path.write_text("")
     refused(path, "ddr", "empty")
     (tmp_path / "nothing").mkdir()
-    refused(tmp_path / "nothing", "ddr", "none of the formats")
+    refused(tmp_path / "nothing", "ddr", "unknown format")
 
 
 def test_bad_line_of_a_csv_is_named(tmp_path):
@@ -882,7 +882,7 @@ def test_what_the_user_can_mend_is_one_line_and_status_2(tmp_path, arguments):
 def test_source_is_never_written_over(tmp_path):
     log = crazyflie_log(tmp_path, np.arange(0, 2000, 20))
     before = log.read_bytes()
-    with pytest.raises(UserError, match="is the source itself"):
+    with pytest.raises(UserError, match="is the source; name another"):
         convert.run(log, tmp_path / "." / "log.csv", "ddr")
     with pytest.raises(UserError, match="no_folder"):
         convert.run(log, tmp_path / "no_folder/out.csv", "ddr")

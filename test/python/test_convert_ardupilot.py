@@ -149,7 +149,7 @@ def test_a_log_that_is_cut_off_is_refused_unless_asked_for(tmp_path, pymavlink, 
     log = write(tmp_path / "1.BIN", drive_log(T))
     whole, data = run(log, "ddr"), log.read_bytes()
     log.write_bytes(data[: int(share * len(data)) + 1])
-    refused(log, "ddr", "cut off|damaged")
+    refused(log, "ddr", "truncated|damaged")
     if share > 0.1:
         part = run(log, "ddr", damaged=True)
         assert (share - 0.15) * len(T) < len(part.t) < (share + 0.15) * len(T)
@@ -167,7 +167,7 @@ def test_a_hole_of_zeros_is_damage(tmp_path, pymavlink):
     data = bytearray(log.read_bytes())
     data[20000:20500] = bytes(500)
     log.write_bytes(data)
-    refused(log, "ddr", "cut off or damaged .*--damaged takes what can be read")
+    refused(log, "ddr", "truncated or damaged .*--damaged reads what is intact")
     assert len(run(log, "ddr", damaged=True).t) > 200  # those before it
 
 

@@ -90,5 +90,5 @@ def test_frames_that_could_not_be_decoded_are_left_out(tmp_path):
     check(result, 0.0, flight, 1e-3)
     assert result.seg.max() == 1 and len(result.t) == len(T) - 50
     log.write_text(log.read_text()[:-30])
-    refused(log, "fwmav", "cut off in this line")
+    refused(log, "fwmav", "truncated in this line")
     assert len(run(log, "fwmav", damaged=True).t) == len(T) - 51

@@ -1,4 +1,4 @@
-"""A CSV of one's own: an analytic motion is written with foreign names, units, signs and delimiters, and must come back."""
+"""Your own CSV: an analytic motion is written with foreign names, units, signs and delimiters, and must come back."""
 
 import csv
 
@@ -135,8 +135,8 @@ def test_rows_at_uneven_times_become_uniform(tmp_path):
         ("t=ms[mm]", "'mm' is no unit of what is in s here; there are s, min, ms, us, ns"),
         ("py=y*much", "the factor 'much' is not a number"),
         ("gx=psi", "no column 'gx' here; there are t, px, py, theta, v, omega"),
-        ("py=", r"say COLUMN=COLUMN\[UNIT\], as in t=mode; or name a .toml file"),
-        ("y[cm]", "say COLUMN="),
+        ("py=", r"write COLUMN=COLUMN\[UNIT\], as in t=mode; or name a .toml file"),
+        ("y[cm]", "write COLUMN="),
         ("v=mode", r"mine\.csv:2: could not convert string to float: 'auto'"),
     ],
 )  # fmt: skip
@@ -187,9 +187,9 @@ def test_a_wrong_toml_file_is_refused(log, toml, old, new, match):
 def test_a_bad_line_is_named_and_a_cut_one_can_be_left_out(log):
     lines = log.read_text().split("\n")
     log.write_text("\n".join([*lines[:7], "auto,60", *lines[8:]]))
-    refused(log, "ddr", r"mine\.csv:8: 2 fields under 7 columns; mend or delete the line", maps=MAP)
+    refused(log, "ddr", r"mine\.csv:8: 2 fields under 7 columns; correct or delete the line", maps=MAP)
     log.write_text("\n".join([*lines[:300], lines[300][:20]]))
-    refused(log, "ddr", r"mine\.csv:301: the file is cut off in this line; --damaged leaves it out", maps=MAP)
+    refused(log, "ddr", r"mine\.csv:301: the file is truncated in this line; --damaged omits it", maps=MAP)
     assert len(run(log, "ddr", maps=MAP, damaged=True).t) == 299
 
 

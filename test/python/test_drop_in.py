@@ -119,7 +119,7 @@ def machine_code(source, *options):
 def test_the_pair_is_the_library(pair, vectors):
     """The same machine code but for the names of what is static: what the C tests found of lib/ holds for the pair."""
     library, exported, option = {}, set(), f"-DKOOP_VECTORS={vectors}"
-    for unit in ("koopf", "koopd", "koopf_guard", "koopd_guard"):
+    for unit in ("koopf", "koopd", "koopf_supervisor", "koopd_supervisor"):
         made, names = machine_code(ROOT / f"lib/{unit}.c", f"-I{ROOT / 'lib/include'}", option)
         exported |= names
         own = re.compile(rf"\b({'|'.join(name for name in made.keys() - names if '.' not in name)})\b")
@@ -366,9 +366,9 @@ endfunction()
 @pytest.mark.parametrize(
     "chosen, units",
     [
-        ({"FLOAT", "GUARD"}, {"koopf.c", "koopf_guard.c"}),
+        ({"FLOAT", "SUPERVISOR"}, {"koopf.c", "koopf_supervisor.c"}),
         ({"FLOAT"}, {"koopf.c"}),
-        ({"FLOAT", "DOUBLE", "GUARD"}, {"koopf.c", "koopd.c", "koopf_guard.c", "koopd_guard.c"}),
+        ({"FLOAT", "DOUBLE", "SUPERVISOR"}, {"koopf.c", "koopd.c", "koopf_supervisor.c", "koopd_supervisor.c"}),
     ],
 )
 def test_zephyr_module(said, chosen, units, tmp_path):
@@ -407,7 +407,7 @@ def test_zephyr_kconfig():
     )
     warnings, values = json.loads(run(packager("python"), "-c", script))
     assert not warnings
-    assert values == {"TINYKOOP": "y", "TINYKOOP_FLOAT": "y", "TINYKOOP_DOUBLE": "n", "TINYKOOP_GUARD": "y"}
+    assert values == {"TINYKOOP": "y", "TINYKOOP_FLOAT": "y", "TINYKOOP_DOUBLE": "n", "TINYKOOP_SUPERVISOR": "y"}
 
 
 def test_esp_idf_component_manager(tmp_path):
@@ -481,5 +481,5 @@ def test_platformio(said, tmp_path):
     )
     run(PACKAGERS / "pio", "run", "-d", project, env=environment)
     built = project / ".pio/build/host"
-    assert {path.stem for path in built.rglob("*.o")} == {"main", "koopf", "koopd", "koopf_guard", "koopd_guard"}
+    assert {path.stem for path in built.rglob("*.o")} == {"main", "koopf", "koopd", "koopf_supervisor", "koopd_supervisor"}
     assert run(built / "program") == said

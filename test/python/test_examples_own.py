@@ -1,4 +1,4 @@
-"""The examples of robots of one's own, end to end, and the blind plants of them: other programs than the simulators."""
+"""The examples of your own robots, end to end, and the blind plants of them: other programs than the simulators."""
 
 import csv
 import importlib.util

@@ -24,7 +24,7 @@ HOSTILE = "flights/<b onload='x'>&\".csv"
 
 @pytest.fixture(scope="module")
 def trim():
-    """A flight whose servos are off from some time on, and a fresh one that has that all along."""
+    """A flight whose servos are off from some time on, and a fresh one that has that throughout."""
     log = bridge.fwmav("pitch", SECONDS, 21, [bridge.Effect("trim_bias", TRIM, FROM)])[0]
     fresh = bridge.fwmav("pitch", 8, 22, [bridge.Effect("trim_bias", TRIM)])[0]
     result = diagnose(log, fresh)

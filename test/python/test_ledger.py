@@ -85,5 +85,5 @@ def test_a_missing_experiment_is_named_with_its_command(tmp_path):
 def test_a_verdict_that_is_not_the_pages_is_refused(tmp_path, monkeypatch):
     claim, command, _ = ledger.CLAIMS[0]
     monkeypatch.setattr(ledger, "CLAIMS", ((claim, command, lambda _: ("none", ledger.CONTRADICTED)),))
-    with pytest.raises(UserError, match="UPDATE=1 takes them over"):
+    with pytest.raises(UserError, match="UPDATE=1 updates them"):
         ledger.run(tmp_path)

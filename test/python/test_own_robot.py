@@ -1,4 +1,4 @@
-"""A robot of one's own: its simulator and its log go in; the plant of these tests is another program than the simulator."""
+"""Your own robot: its simulator and its log go in; the plant of these tests is another program than the simulator."""
 
 import csv
 import dataclasses
@@ -475,7 +475,7 @@ def test_a_jump_by_a_turn_that_is_not_declared_is_named(car, healthy):
         ('states = ["yaw"]', 'states = ["pitch"]', "there is no state pitch"),
         ("[report]", "[reports]", "unknown key reports"),
         ('column = "psi"', "column = 3", "column must be a text"),
-        ('name = "steering"', 'name = "speed"', "two signals are called speed"),
+        ('name = "steering"', 'name = "speed"', "duplicate signal name speed"),
     ],
 )
 def test_a_robot_s_file_that_is_wrong_gets_one_line(tmp_path, old, new, said):
@@ -492,7 +492,7 @@ def test_a_robot_without_commands_gets_one_line(tmp_path):
     start = text.index("command = [")
     (tmp_path / "car.toml").write_text(text[:start] + "command = []\n" + text[text.index("]", text.index("delta")) + 2 :])
     (tmp_path / "car.py").write_text((CAR / "car.py").read_text())
-    with pytest.raises(UserError, match="command must list one at least"):
+    with pytest.raises(UserError, match="command must list at least one"):
         toml.read(tmp_path / "car.toml")
 
 
@@ -503,7 +503,7 @@ def test_a_robot_without_commands_gets_one_line(tmp_path):
         ("return x[:, :2]", r"returns shape \(\d+, 2\)"),
         ("return np.full_like(x, np.nan)", "not finite"),
         ("return x * 1e6", "runs away from the log"),
-        ("return x + np.random.normal(size=x.shape)", "another answer"),
+        ("return x + np.random.normal(size=x.shape)", "not deterministic"),
     ],
 )
 def test_a_simulator_that_misbehaves_gets_one_line(tmp_path, healthy, body, said):
@@ -518,8 +518,8 @@ def test_a_simulator_that_misbehaves_gets_one_line(tmp_path, healthy, body, said
     [
         ("t,x,y,psi,v_cmd\n0,0,0,0,0\n", "has no column delta"),
         ("t,x,y,psi,v_cmd,delta\n", "has no rows"),
-        ("t,x,y,psi,v_cmd,delta\n0,0,0,0,0,0\n0.1,0,zero,0,0,0\n", ":3: y: zero is no number"),
-        ("t,x,y,psi,v_cmd,delta\n0,0,0,0,0,0\n0,0,0,0,0,0\n", ":3: time must"),
+        ("t,x,y,psi,v_cmd,delta\n0,0,0,0,0,0\n0.1,0,zero,0,0,0\n", ":3: y: zero is not a number"),
+        ("t,x,y,psi,v_cmd,delta\n0,0,0,0,0,0\n0,0,0,0,0,0\n", ":3: every row needs a time"),
     ],
 )
 def test_a_log_that_is_wrong_gets_one_line(car, tmp_path, text, said):
@@ -577,5 +577,5 @@ def test_a_newcomer_s_path(tmp_path, tinykoop_in):
     assert report["verdict"] == "known" and [e["name"] for e in report["effects"]] == ["gain:speed"]
     assert abs(report["effects"][0]["params"]["a"] - 0.1) < 0.005
     again = tinykoop("robot", "new", "bot")
-    assert again.returncode == 2 and "is there already" in again.stderr
+    assert again.returncode == 2 and "already exists" in again.stderr
     assert "gain:speed" in tinykoop("effects", "--robot", "bot.toml").stdout

@@ -7,7 +7,7 @@ import pytest
 from tinykoop.assure import coverage, determinism, flips, fuzz, mutants, sanitize, soak
 from tinykoop.bench import page as bench
 from tinykoop.blind import page as blind
-from tinykoop.experiments import guard, real, scenario, transfer
+from tinykoop.experiments import supervisor, real, scenario, transfer
 from tinykoop.experiments.study import tables as study
 from tinykoop.experiments.study.closed_loop import SIGMA
 from tinykoop.plumbing import pages
@@ -84,7 +84,7 @@ def test_blind_flights_are_counted_by_tier(written):
     rows += [{"tier": "left_out", "truth": ["lag"], "confidence": {"delay": 0.95}}]
     blind.flights(rows, 1, 7)
     lines = cells(written["blind-fwmav"])
-    assert lines["one effect, all along or from some time on"] == ["2", "2", "2", "2", "0"]
+    assert lines["one effect, throughout or from some time on"] == ["2", "2", "2", "2", "0"]
     assert lines["one effect, taken out of the library"] == ["1", "0", "0", "0", "1"]
     assert lines["onset off by, median (s)"] == ["0.5"] and lines["inside it"] == ["1"]
 
@@ -101,9 +101,9 @@ def test_a_campaign_in_which_every_diagnosis_failed_is_not_written(written):
     assert not written
 
 
-def test_guard_counts_runs_that_are_lost():
-    rows = [{"mean_error_unguarded": 3.0, "mean_error_guarded": 0.05}, {"mean_error_unguarded": None, "mean_error_guarded": 0.08}]
-    lines = cells(guard.page(rows, [{"mean_error_unguarded": 0.04, "mean_error_guarded": 0.041}]))
+def test_supervisor_counts_runs_that_are_lost():
+    rows = [{"mean_error_without_supervisor": 3.0, "mean_error_supervised": 0.05}, {"mean_error_without_supervisor": None, "mean_error_supervised": 0.08}]
+    lines = cells(supervisor.page(rows, [{"mean_error_without_supervisor": 0.04, "mean_error_supervised": 0.041}]))
     assert [figure for (figure,) in lines.values()] == ["2", "2", "0", "0.08", "1.025"]
 
 

@@ -22,26 +22,27 @@ SETTINGS = {
     ("convert.md", "| `--format` | `SOURCE` |"),
     ("convert.md", "| column | Crazyflie | PX4 | ROS 2, by type |"),
     ("convert.md", "| column | ArduPilot | Betaflight |"),
-    ("diagnose.md", "| FILE | what is changed | what it cannot hold |"),
+    ("diagnose.md", "| FILE | what is changed | what it cannot represent |"),
+    ("diagnose.md", "| option | meaning |"),
     ("diagnose.md", "| topic | schema | content |"),
-    ("flapping-wing.md", "| what | value | source |"),
+    ("flapping-wing.md", "| parameter | value | source |"),
     ("flapping-wing.md", "| effect | parameters | acts on |"),
     ("glossary.md", "| term | meaning |"),
+    ("logs.md", "| robot | columns |"),
     ("learning.md", "| choose | when |"),
     ("microcontroller.md", "| | reals | N = 22, m = 2, H = 50, float32 |"),
     ("microcontroller.md", "| your robot | choose |"),
     ("microcontroller.md", "| build | do |"),
     ("microcontroller.md", "| stack | compiles with | read from | what the library does |"),
-    ("microcontroller.md", "| what you see | what it means | what to do |"),
-    ("own-robot.md", "| folder of `examples/own_robot/` | simulator | what its log hides |"),
-    ("own-robot.md", "| key | what |"),
+    ("microcontroller.md", "| observation | meaning | action |"),
+    ("own-robot.md", "| folder of `examples/own_robot/` | simulator | hidden deviation in its log |"),
+    ("own-robot.md", "| key | content |"),
 }
 # Sentences with such figures that are settings of a command or of the diagnoser.
 MEASURED = re.compile(r"\d[\d.,]* (?:%|us\b|ns\b|times as\b|alarms\b)|\b\d[\d,]* of \d[\d,]*\b")
 RULES = (
-    "less than 5 % of the log", "within 15 % of it", "more than 10 % of the gap", "(0.2 % of the way", "does 90 % of what another",
-    "within 15 % of the floor", "more than 1.1 times as wrong", "false alarm in 1 of 20", "in 1 of 100", "first 20 %", "next 20 %",
-    "less than 5 % of its usual size", "turns 0.4 % less per command",
+    "at least 5 % of the log", "within 15 % of the", "10 % of the gap", "(0.2 % of the distance", "explains 90 % as much",
+    "costs 50 % more at most", "first 20 %", "next 20 %", "below 5 % of its typical size", "decreases by 0.4 % per second",
 )  # fmt: skip
 
 

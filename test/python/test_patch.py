@@ -28,7 +28,7 @@ YAML = """controller:
 
 
 def report_of(folder, effects, verdict="known"):
-    """A report file with these effects {name: params}, which act all along."""
+    """A report file with these effects {name: params}, which act throughout."""
     told = [
         {"name": name, "params": params, "segments": [[0.0, 10.0]], "formula": "", "field": field}
         for name, (params, field) in effects.items()

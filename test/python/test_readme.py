@@ -40,7 +40,7 @@ int main(void) {
 	const float speed = u[0];
 	x[1] = NAN;
 	if (learner_step(x, u, &health) != KOOP_E_INPUT) { return 6; }
-	printf("%g %g %zu %zu %zu\\n", (double)health.innovation, (double)speed, sizeof storage, sizeof mpc_storage, sizeof guard_storage);
+	printf("%g %g %zu %zu %zu\\n", (double)health.innovation, (double)speed, sizeof storage, sizeof mpc_storage, sizeof supervisor_storage);
 	return 0;
 }
 """
@@ -62,7 +62,7 @@ def test_firmware_snippets(readme, tmp_path):
     source = tmp_path / "firmware.c"
     source.write_text(snippet + DRIVE)
     program = tmp_path / "firmware"
-    units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_guard.c"]
+    units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_supervisor.c"]
     include = ["-I", str(ROOT / "lib/include")]
     subprocess.run(
         ["gcc", *FLAGS, *include, str(source), *map(str, units), "-o", str(program), "-lm"], check=True
@@ -116,26 +116,27 @@ def _figures_of_the_diagnoser():
     from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans
 
     return [
-        f"the first {ddr.SETTLE} rows are left out",
-        f"Of a long log {ddr.MOST:,} rows are used",
-        f"Beyond {bridge.LONG:,} rows the states of the actuators are rolled from {bridge.WARM_UP:g} s before each row",
-        f"less than {100 * spans.LEAST:g} % of the log",
-        "errors {}, {} and {} steps after a *measured* pose".format(*ahead.HORIZONS),
+        f"The first {ddr.SETTLE} rows are excluded",
+        f"From a long log {ddr.MOST:,} rows are used",
+        f"Beyond {bridge.LONG:,} rows the states of the actuators are simulated from {bridge.WARM_UP:g} s before each row",
+        f"at least {100 * spans.LEAST:g} % of the log",
+        "error {}, {} and {} steps after a *measured* pose".format(*ahead.HORIZONS),
         f"its own blocks of {ahead.BLOCK:g} s",
-        f"within {100 * ahead.SHOWS:g} % of it; a floor",
-        f"({100 * ddr.SMALLEST:.1f} % of the way driven",
+        f"within {100 * ahead.SHOWS:g} % of the noise floor",
+        f"({100 * ddr.SMALLEST:.1f} % of the distance driven",
         f"more than {100 * judge.UNEXPLAINED:g} % of the gap",
-        f"more than {judge.STANDS_OUT:g} times what all noise makes",
+        f"more than {judge.STANDS_OUT:g} times the error that all noise explains",
         f"no effect has a confidence of {judge.BELIEVED:g}",
-        f"no confidence exceeds {judge.UNSURE:g}; nor {judge.DOUBT:g}",
+        f"at most {judge.UNSURE:g} if one command",
+        f"at most {judge.DOUBT:g} if an error beyond noise remains",
         f"at {flight.RATE:g} Hz",
-        f"{flight.LEAST_SECONDS:g} s at least",
-        f"autoregression of {healthy.LAGS} rows",
-        f"every fourth block of {ahead.BLOCK:g} s",
-        f"from {flight.SYSTEMATIC:g} on something systematic is left",
-        f"more than {flight.WORSE:g} times as wrong",
+        f"at least {flight.LEAST_SECONDS:g} s long",
+        f"autoregression over {healthy.LAGS} rows",
+        f"fourth block of {ahead.BLOCK:g} s",
+        f"From {flight.SYSTEMATIC:g} on a systematic error remains",
+        f"over {flight.WORSE:g} times worse",
         f"over {flight.ANOTHER:g} times the variance",
-        f"Where it changes in mid-flight, {flight.KICKED:g} s on either side",
+        f"{flight.KICKED:g} s before and after the change",
     ]
 
 

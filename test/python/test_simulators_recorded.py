@@ -1,4 +1,4 @@
-"""A recorded run in the place of the simulator: what is found is what the simulator itself finds, or the run is refused."""
+"""A recorded run instead of the simulator: what is found is what the simulator itself finds, or the run is refused."""
 
 import csv
 import importlib.util
@@ -135,7 +135,7 @@ def test_a_run_that_says_too_little_gets_one_line(car, tmp_path, what, said):
 def test_a_run_that_does_not_go_where_the_log_goes_gets_one_line(car, tmp_path):
     log = log_of(car, tmp_path, 25)
     slow = run_of(car, tmp_path, replace(log, u=log.u * [0.5, 1.0]))
-    with pytest.raises(UserError, match="does not go where the log goes in speed; record the simulator under the log's commands"):
+    with pytest.raises(UserError, match="does not follow the log in speed; record the simulator under the log's commands"):
         recorded.of(car, slow, log)
 
 
@@ -168,6 +168,6 @@ def test_a_robot_s_file_needs_no_simulator_beside_a_run(car, tmp_path, tinykoop_
     without = tinykoop("diagnose", "car.csv", "--robot", "car.toml", "--out", "out")
     assert without.returncode == 2 and without.stderr.count("\n") == 1 and "has no [simulator]; name it there, or give" in without.stderr
     other = tinykoop("diagnose", "car.csv", "--sim", "sim.csv", "--out", "out")
-    assert other.returncode == 2 and "--sim: only for a robot of one's own; add --robot ROBOT.toml" in other.stderr
+    assert other.returncode == 2 and "--sim: only for your own robot; add --robot ROBOT.toml" in other.stderr
     several = tinykoop("diagnose", "car.csv", "car.csv", "--robot", "car.toml", "--sim", "sim.csv", "--out", "out")
     assert several.returncode == 2 and "--sim: a run under the commands of one log; give one log" in several.stderr

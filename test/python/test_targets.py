@@ -54,8 +54,8 @@ def test_tests_that_are_left_out_exist_and_have_a_reason():
         assert why
     for target in targets.targets():
         kept = {test for test in tests if not targets.left_out(target, test)}
-        assert {f"{subject}_koopf" for subject in subjects - {"mpc_random", "guard", "long_run", "gate"}} <= kept
-    assert not targets.left_out("cortex-m7", "guard_koopf")
+        assert {f"{subject}_koopf" for subject in subjects - {"mpc_random", "supervisor", "long_run", "gate"}} <= kept
+    assert not targets.left_out("cortex-m7", "supervisor_koopf")
 
 
 # ---- closed loop -----------------------------------------------------------------------------------
@@ -210,8 +210,8 @@ def test_pages_are_rewritten_between_the_markers_only(monkeypatch, tmp_path):
     monkeypatch.setattr(pages, "ROOT", tmp_path)
     pages.update("page.md", "learn", "new\n")
     assert page.read_text() == f"before\n{begin}\n\nnew\n\n{end}\nbetween\n{other}\nafter\n"
-    with pytest.raises(UserError, match="no markers 'guard: begin'"):
-        pages.update("page.md", "guard", "new\n")
+    with pytest.raises(UserError, match="no markers 'supervisor: begin'"):
+        pages.update("page.md", "supervisor", "new\n")
 
 
 # ---- call graph ------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
  * given by macros, on storage of exactly the size asked for. Settings and data are any float there is, NaN
  * and infinity too; what a call refuses comes as its status and the calls go on. */
 #include "tinykoop.h"
-#include "tinykoop_guard.h"
+#include "tinykoop_supervisor.h"
 
 #include <math.h>
 
@@ -160,21 +160,22 @@ static void run(void) {
 }
 #else
 static void run(void) {
-	static float storage[KOOP_GUARD_REALS(LIFTED, STATES, INPUTS, HORIZON)];
-	const koopf_guard_config c = {any_float, any_float, any_float, any_float, any_float, any_float, 2, 3};
-	koopf_guard guard;
+	static float storage[KOOP_SUPERVISOR_REALS(LIFTED, STATES, INPUTS, HORIZON)];
+	const koopf_supervisor_config c = {any_float, any_float, any_float, any_float,
+	                                   any_float, any_float, 2,         3};
+	koopf_supervisor supervisor;
 	koopf_health health;
 	if (!start_learner() || !start_controller()) { return; }
 	fill(theta, sizeof theta / sizeof *theta);
-	if (koopf_guard_init(&guard, any_int ? &c : NULL, &mpc, theta, storage,
-	                     KOOP_GUARD_REALS(LIFTED, STATES, INPUTS, HORIZON)) != KOOP_OK) {
+	if (koopf_supervisor_init(&supervisor, any_int ? &c : NULL, &mpc, theta, storage,
+	                          KOOP_SUPERVISOR_REALS(LIFTED, STATES, INPUTS, HORIZON)) != KOOP_OK) {
 		return;
 	}
 	for (int k = 0; k < 2; k++) {
 		new_sample();
-		koopf_guard_update(&guard, &rls, psi, u, psi_next, any_int ? &health : NULL);
+		koopf_supervisor_update(&supervisor, &rls, psi, u, psi_next, any_int ? &health : NULL);
 		fill(reference, HORIZON * STATES);
-		koopf_guard_control(&guard, &rls, &mpc, psi, reference, u_before, u, &result);
+		koopf_supervisor_control(&supervisor, &rls, &mpc, psi, reference, u_before, u, &result);
 	}
 }
 #endif

@@ -1,6 +1,7 @@
-/* Separate objects in separate threads: each thread learns, plans and guards on its own, and must end with
- * the bits of the same run alone. Built with ThreadSanitizer, which sees what two threads would share. */
-#include "tinykoop_guard.h"
+/* Separate objects in separate threads: each thread learns, plans and supervisors on its own, and must end
+ * with the bits of the same run alone. Built with ThreadSanitizer, which sees what two threads would share.
+ */
+#include "tinykoop_supervisor.h"
 
 #include "../c/precision.h"
 
@@ -15,11 +16,11 @@ typedef struct {
 	int refused; /* calls that did not return KOOP_OK */
 	KOOP(rls) rls;
 	KOOP(mpc) mpc;
-	KOOP(guard) guard;
+	KOOP(supervisor) supervisor;
 	KOOP(lowpass) filter;
 	real learner[KOOP_RLS_REALS_PLAIN(MOST, INPUTS)];
 	real controller[KOOP_MPC_REALS_NEWTON(MOST, STATES, INPUTS, HORIZON)];
-	real guarded[KOOP_GUARD_REALS(MOST, STATES, INPUTS, HORIZON)];
+	real supervised[KOOP_SUPERVISOR_REALS(MOST, STATES, INPUTS, HORIZON)];
 	real filtered[KOOP_LOWPASS_REALS(STATES)];
 	real offline[(MOST + INPUTS) * KOOP_PAD(MOST)];
 	unsigned char model[MODEL_BYTES(MOST, INPUTS)];
@@ -70,8 +71,8 @@ static void start(agent *a, size_t which) {
 			a->offline[(N + j) * KOOP_PAD(N) + i] = (real)0.1 + (real)0.01 * (real)(i + j);
 		}
 	}
-	note(a, KOOP(guard_init)(&a->guard, NULL, &a->mpc, a->offline, a->guarded,
-	                         sizeof a->guarded / sizeof *a->guarded));
+	note(a, KOOP(supervisor_init)(&a->supervisor, NULL, &a->mpc, a->offline, a->supervised,
+	                              sizeof a->supervised / sizeof *a->supervised));
 	note(a, KOOP(rls_copy_theta)(&a->rls, a->offline));
 }
 
@@ -79,13 +80,13 @@ static void step(agent *a, real x[STATES]) {
 	real psi[MOST], psi_next[MOST], u[INPUTS], reference[HORIZON * STATES] = {0};
 	const KOOP(dictionary) *dictionary = a->rls.config.dictionary;
 	note(a, KOOP(lift)(dictionary, x, psi));
-	note(a, KOOP(guard_control)(&a->guard, &a->rls, &a->mpc, psi, reference, NULL, u, NULL));
+	note(a, KOOP(supervisor_control)(&a->supervisor, &a->rls, &a->mpc, psi, reference, NULL, u, NULL));
 	x[0] += (real)0.1 * u[0] * (1 - x[2] * x[2] / 2) + (real)0.01 * noise(a);
 	x[1] += (real)0.1 * u[0] * x[2] + (real)0.01 * noise(a);
 	x[2] = (real)0.9 * x[2] + (real)0.1 * u[1] + (real)0.01 * noise(a);
 	note(a, KOOP(lowpass_step)(&a->filter, x, x));
 	note(a, KOOP(lift)(dictionary, x, psi_next));
-	note(a, KOOP(guard_update)(&a->guard, &a->rls, psi, u, psi_next, NULL));
+	note(a, KOOP(supervisor_update)(&a->supervisor, &a->rls, psi, u, psi_next, NULL));
 	digest(a, u, sizeof u);
 }
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
 INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
 TABLES = (  # commands that write what they measured into the docs
-    "learn", "control", "ledger", "transfer", "windup", "study", "guard", "real", "bench", "blind", "coverage", "mutants", "fuzz", "static", "soak",
+    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize",
 )  # fmt: skip
 
@@ -110,7 +110,7 @@ def _paper(add):
     add("windup", "float32 against float64 for every dictionary, regulator and form")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
     study.add_argument("--runs", type=int, help="runs of each setting (default 10: about four minutes)")
-    add("guard", "random closed-loop runs, guarded against unguarded")
+    add("supervisor", "random closed-loop runs with and without the supervisor")
 
 
 def _firmware(add):
@@ -147,7 +147,7 @@ def _assurance(add):
     add("static", "clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/")
     soak = add("soak", "every kind of estimator through every kind of fault")
     soak.add_argument("--updates", type=float, default=1e8, help="in all (default 1e8)")
-    flips = add("flips", "one flipped bit in the storage of learner, gate, guard and controller")
+    flips = add("flips", "one flipped bit in the storage of learner, gate, supervisor and controller")
     flips.add_argument("--trials", type=float, default=240e3, help="in all (default 240,000)")
     flips.add_argument("--seed", type=int, default=1, help="of the robots and of the bits (default 1)")
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")

@@ -14,7 +14,7 @@ from .plumbing.results import console, output_folder, write_bytes
 
 
 def gap(out):
-    """Diagnoses a drive of a robot whose wheels lag, and which begins to slip half-way; a second one, slipping all along, checks it.
+    """Diagnoses a drive of a robot whose wheels lag, and which begins to slip half-way; a second one, slipping throughout, checks it.
 
     The robot is our own simulator's, so this shows the tool and proves nothing: `make blind` does.
     """

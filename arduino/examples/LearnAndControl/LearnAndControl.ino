@@ -1,4 +1,4 @@
-// Learns how a differential-drive robot moves, then drives it along a line with what it has learned.
+// Learns a model of a differential-drive robot, then drives it along a line with that model.
 // The robot is simulated here, so that the sketch runs on a bare board: put your odometry and your
 // motors into measure() and drive().
 #include <tinykoop.h>

@@ -26,7 +26,7 @@ enum {
 
 	HOLD = 5,     /* ticks of 10 ms in a step of the model: 50 ms */
 	HORIZON = 20, /* steps: 1 s, about twice what the stock controller takes to respond */
-	SENT = 3      /* inputs handed over: a plan is good for 150 ms */
+	SENT = 3      /* number of copied inputs: a plan is valid for 150 ms */
 };
 
 /* The stock controller saturates at 1 m/s: with its gain of 2 /s that is at 0.5 m. */

@@ -31,7 +31,7 @@ enum {
 	BAD_STATE = 3,     /* the state estimate or the setpoint is NaN or beyond belief */
 	WARMING_UP = 4,
 	LEARNER_REFUSED = 5,
-	MODEL_POOR = 6, /* predicts worse than "it goes on as it moves" */
+	MODEL_POOR = 6, /* predicts worse than "it continues as it moves" */
 	PLAN_LATE = 7,
 	PLAN_REFUSED = 8,
 	RETURNING = 9 /* all is well, but not for long enough */
@@ -115,7 +115,7 @@ static int measure(const state_t *state, float *psi) {
 
 /* ---- Learning --------------------------------------------------------------------- */
 
-/* Mean squares of what the model and what "it goes on as it moves" got wrong. */
+/* Mean squares of what the model and what "it continues as it moves" got wrong. */
 static void judge(const float *before, const float *now) {
 	float square = 0;
 	for (int i = 0; i < N_LIFTED; i++) {
@@ -139,7 +139,7 @@ static void learn(const float *psi) {
 	if (learner.status == KOOP_OK) {
 		judge(before, psi);
 		learner.samples++;
-		learner.skipped += (uint32_t)learner.health.gated;
+		learner.skipped += (uint32_t)learner.health.frozen;
 		learner.refused = 0;
 	} else {
 		learner.refusals++;

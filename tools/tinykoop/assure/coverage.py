@@ -59,7 +59,7 @@ def read_lines(lcov):
 
 
 def read_branches(function):
-    """Both ways of each branch; a macro's are told apart by where it is used."""
+    """Both ways of each branch; a macro's are distinguished by where it is used."""
     for line, column, _, _, true, false, file, *_ in function["branches"]:
         for way, count in (("true", true), ("false", false)):
             yield Item("branches", function["filenames"][file], line, f"column {column} never {way}", count > 0)
@@ -166,7 +166,7 @@ def build_and_test(kernel):
 
 def read_unit(folder, precision):
     """Items of one precision: the coverage maps are read off its object files."""
-    first, second = (folder / f"CMakeFiles/tinykoop.dir/lib/{precision}{part}.c.o" for part in ("", "_guard"))
+    first, second = (folder / f"CMakeFiles/tinykoop.dir/lib/{precision}{part}.c.o" for part in ("", "_supervisor"))
     export = ["llvm-cov-19", "export", first, f"-object={second}", f"-instr-profile={folder / 'all.profdata'}"]
     return read_items(json.loads(run_command(*export)), run_command(*export, "-format=lcov"))
 

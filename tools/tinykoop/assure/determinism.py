@@ -53,7 +53,7 @@ class Build:
     def contracted(self):
         return CONTRACTED in self.flags
 
-    def make(self, source, precision, library=("", "_guard")):
+    def make(self, source, precision, library=("", "_supervisor")):
         """The program. Only the library is contracted: what the script does itself is the same everywhere."""
         folder = BUILD / re.sub(r"\W+", "-", self.name)
         folder.mkdir(parents=True, exist_ok=True)
@@ -256,6 +256,6 @@ def run(out, update=False):
         if not row["ulp"] <= MOST_ULP
     ]
     if failures:
-        raise UserError("\n".join(["what is promised equal is not:", *failures[:20]]))
+        raise UserError("\n".join(["these results differ, but must be equal:", *failures[:20]]))
     if update:
         pages.update("docs/assurance.md", "determinism", page(rows))

@@ -1,4 +1,4 @@
-"""The C tests with lib/ compiled as flight stacks compile it, and under harder flags of our own.
+"""The C tests with lib/ compiled as flight stacks compile it, and under more aggressive flags.
 
 test/flags/stacks.json holds the flags, read from the stacks' own build files. They are for lib/ alone: the tests'
 reference arithmetic must be right. Each compiler has one build tree, which keeps the objects of the tests; each set

@@ -1,4 +1,4 @@
-"""One flipped bit in the storage of a learner, its gate, its guard and its controller, beside a twin of which none flips.
+"""One flipped bit in the storage of a learner, its gate, its supervisor and its controller, beside a twin of which none flips.
 
 The programs of test/flips do the work, one call for each use, regulator, form and precision; here they are built, run
 and judged. test/flips/flips.c says what counts as detected, harmless and silent.
@@ -25,10 +25,10 @@ USES = {
     "checksum": "checksum",
     "gate": "gate",
     "gate_checksum": "gate, checksum",
-    "newton": "guard, Newton",
-    "gradient": "guard, gradient",
+    "newton": "supervisor, Newton",
+    "gradient": "supervisor, gradient",
 }
-PROTECTED = ("gate_checksum", "newton", "gradient")  # with gate and checksum; the latter two in a closed loop with the guard
+PROTECTED = ("gate_checksum", "newton", "gradient")  # with gate and checksum; the latter two in a closed loop with the supervisor
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
 FORMS = (("plain", "refuse"), ("plain", "diagonal"), ("sqrt", "refuse"))  # to the square root all checks are the same
 KINDS = tuple((precision, use, regulator, *form) for precision, use, regulator, form in product(PRECISIONS, USES, REGULATORS, FORMS))
@@ -80,7 +80,7 @@ def example(rows, key):
 
 
 def failures(rows):
-    """What must hold and does not, a line for each: with gate and checksum next to nothing is silent and nothing refused for ever."""
+    """What must hold and does not, a line for each: with gate and checksum next to nothing is silent and nothing refused forever."""
     lines = []
     for (what, use), group in groups(rows).items():
         name = f"{what}, {USES[use]}"
@@ -88,7 +88,7 @@ def failures(rows):
         if use in PROTECTED and silent > MAX_SILENT * trials:
             lines.append(f"{name}: {silent} of {trials} flipped bits are silent ({example(group, 'silent')})")
         if use in PROTECTED and total(group, "for_ever"):
-            lines.append(f"{name}: {total(group, 'for_ever')} of {trials} are refused for ever ({example(group, 'for_ever')})")
+            lines.append(f"{name}: {total(group, 'for_ever')} of {trials} are refused forever ({example(group, 'for_ever')})")
         if total(group, "unsafe"):
             lines.append(f"{name}: {total(group, 'unsafe')} of {trials} lead to an input outside its limits ({example(group, 'unsafe')})")
     return lines
@@ -97,11 +97,11 @@ def failures(rows):
 # ---- report -----------------------------------------------------------------------------------------
 
 
-HEADERS = ["use: where", "trials", "detected %", "harmless %", "silent %", "for ever", "unsafe"]
+HEADERS = ["use: where", "trials", "detected %", "harmless %", "silent %", "forever", "unsafe"]
 
 
 def cells(rows):
-    """Trials; shares that are detected, harmless and silent in percent; how many are refused for ever or unsafe."""
+    """Trials; shares that are detected, harmless and silent in percent; how many are refused forever or unsafe."""
     trials = total(rows, "trials")
     shares = [f"{100 * total(rows, key) / trials:.2f}" for key in ("detected", "harmless", "silent")]
     return [f"{trials:,}", *shares, total(rows, "for_ever"), total(rows, "unsafe")]
@@ -125,10 +125,10 @@ def report(rows):
         f"One flipped bit: {total(rows, 'trials'):,} trials",
         HEADERS,
         lines,
-        "detected: by a status, the health, the gate, the checksum or the guard within 100 samples.\n"
+        "detected: by a status, the health, the gate, the checksum or the supervisor within 100 samples.\n"
         "harmless: after these, the model predicts and the loop costs within 10 % of a twin without the flip.\n"
-        "for ever: 3,000 samples later, and for 3,000 more, samples or plans are refused, the gate says refuse,\n"
-        "or the guard keeps off the online model. unsafe: an input outside its limits.",
+        "forever: 3,000 samples later, and for 3,000 more, samples or plans are refused, the gate says refuse,\n"
+        "or the supervisor keeps off the online model. unsafe: an input outside its limits.",
     )
 
 

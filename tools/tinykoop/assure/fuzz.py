@@ -86,7 +86,7 @@ def call(target, *arguments, timeout):
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=environment, timeout=timeout)
     except subprocess.TimeoutExpired:
-        raise UserError(f"{target}: no end after {timeout:.0f} s")
+        raise UserError(f"{target}: timeout after {timeout:.0f} s")
     return done.stdout + done.stderr
 
 

@@ -40,7 +40,7 @@ def read_equivalent(text, known):
         if entry and not entry.startswith("#"):
             name, _, reason = entry.rpartition(" | ")
             if name not in known:
-                raise UserError(f"test/mutants/equivalent.txt:{line}: no mutant of lib/ is this any more; remove the line: {entry}")
+                raise UserError(f"test/mutants/equivalent.txt:{line}: not a mutant of lib/ any more; remove the line: {entry}")
             reasons[name] = reason
     return reasons
 

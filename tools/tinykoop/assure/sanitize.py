@@ -25,7 +25,7 @@ THREAD = "-fsanitize=thread"
 NO_VALGRIND = {
     "mpc_random": "a campaign of 30,000 solves, half an hour under valgrind; the calls are those of mpc",
     "long_run": "compares with long double of 80 bits, which valgrind computes in 64",
-    "elementary": "likewise",
+    "elementary": "compares with long double of 80 bits, which valgrind computes in 64",
 }
 
 # What the Python tests leave out, and why.

@@ -23,7 +23,7 @@ LIB = ROOT / "lib"
 FOLDER = ROOT / "test/static"
 BUILD = ROOT / "build/static"
 DEVIATIONS = FOLDER / "deviations.txt"
-UNITS = ("koopf.c", "koopd.c", "koopf_guard.c", "koopd_guard.c")
+UNITS = ("koopf.c", "koopd.c", "koopf_supervisor.c", "koopd_supervisor.c")
 INCLUDE = f"-I{LIB / 'include'}"
 KERNELS = (0, 1)  # KOOP_VECTORS: lib/ has other kernels where there are vector registers
 
@@ -90,7 +90,7 @@ def cppcheck(unit, vectors):
 # among them: which rows its factor has depends on which inputs are free, and Eva keeps no such relation.
 EVA = "-eva -eva-precision 0 -eva-split-return full -eva-slevel 70 -eva-auto-loop-unroll 200 -eva-no-print -warn-special-float none"
 EVA_CONTROLLER = EVA.replace("slevel 70", "slevel 12")
-EVA_GUARD = EVA.replace("slevel 70", "slevel 500")  # with 250 an init that fails is not told from one that does not
+EVA_SUPERVISOR = EVA.replace("slevel 70", "slevel 500")  # with 250 an init that fails is not distinguished from one that does not
 REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
 FORMS = ("plain", "sqrt")
 
@@ -111,8 +111,8 @@ def eva_runs():
     for rate, vectors in itertools.product((0, 1), KERNELS):
         macros = {"CONTROLLER": 1, "LIFTED": 3, "INPUTS": 2, "HORIZON": 3, "METHOD": 1, "RATE": rate, "KOOP_VECTORS": vectors}
         runs[f"controller S={rate} vectors={vectors}"] = (EVA_CONTROLLER, macros | {"KOOP_MPC_MAX_GRADIENT": 3})
-    macros = {"GUARD": 1, "LIFTED": 2, "INPUTS": 1, "HORIZON": 2, "METHOD": 1, "RATE": 0, "KOOP_VECTORS": 0, "KOOP_MPC_MAX_GRADIENT": 3}
-    runs["guard"] = (EVA_GUARD, macros | {"REGULATOR": "koopf_reg_ef", "FORM": "koopf_form_sqrt"})
+    macros = {"SUPERVISOR": 1, "LIFTED": 2, "INPUTS": 1, "HORIZON": 2, "METHOD": 1, "RATE": 0, "KOOP_VECTORS": 0, "KOOP_MPC_MAX_GRADIENT": 3}
+    runs["supervisor"] = (EVA_SUPERVISOR, macros | {"REGULATOR": "koopf_reg_ef", "FORM": "koopf_form_sqrt"})
     return runs
 
 
@@ -129,7 +129,7 @@ def eva(options, macros):
     flags = " ".join([INCLUDE, "-std=c99", *[f"-D{name}={value}" for name, value in macros.items()]])
     return read_eva(
         run_command(
-            "frama-c", *options.split(), "-machdep", "gcc_x86_64", f"-cpp-extra-args={flags}", FOLDER / "eva.c", LIB / "koopf.c", LIB / "koopf_guard.c",
+            "frama-c", *options.split(), "-machdep", "gcc_x86_64", f"-cpp-extra-args={flags}", FOLDER / "eva.c", LIB / "koopf.c", LIB / "koopf_supervisor.c",
             timeout=1200,
         )
     )  # fmt: skip

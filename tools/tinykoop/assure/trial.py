@@ -20,7 +20,7 @@ WORK = BUILD / "work"  # a folder for each mutant that is being tried
 
 KERNELS = {"vectors": 1, "scalar": 0}  # KOOP_VECTORS
 PRECISIONS = ("koopf", "koopd")
-PARTS = ("", "_guard")
+PARTS = ("", "_supervisor")
 # An argument that no compiler takes without a warning is no mutant; other warnings do not matter.
 REFUSED = ("int-conversion", "incompatible-pointer-types", "discarded-qualifiers")
 FLAGS = (*"-std=c99 -O1 -fPIC -ffp-contract=off -Iinclude".split(), *(f"-Werror={warning}" for warning in REFUSED))
@@ -123,7 +123,7 @@ def judge_with(kernel, lib, units):
 
 def judge(mutant, kernels):
     """"killed", "survived", "equivalent", or None where it does not compile."""
-    units = [precision + ("_guard" if mutant.file.endswith("/guard.c") else "") for precision in PRECISIONS]
+    units = [precision + ("_supervisor" if mutant.file.endswith("/supervisor.c") else "") for precision in PRECISIONS]
     with TemporaryDirectory(dir=WORK) as folder:
         lib = Path(folder) / "lib"
         shutil.copytree(LIB, lib)

@@ -376,7 +376,7 @@ def show(main):
     for kind, mode in itertools.product(KINDS, MODES):
         found = nearest(main, mode, kind)
         if found is None:
-            results.console.print(f"{kind}, {mode}: nobody to compare with at 1e-6")
+            results.console.print(f"{kind}, {mode}: no peer reaches 1e-6")
             continue
         peer, part = found
         results.console.print(
@@ -452,6 +452,6 @@ def plot_accuracy(main, path):
         others = [us for us in (main.typical(p, "cold", accuracy=accuracy) for p in main.peers) if us is not None]
         if ours is not None and ours <= min(others, default=math.inf):
             quick.append(accuracy)
-    told = f"nobody is faster than TinyKoop f64 at {', '.join(quick)}" if quick else "a peer is faster than TinyKoop f64"
+    told = f"no peer is faster than TinyKoop f64 at {', '.join(quick)}" if quick else "a peer is faster than TinyKoop f64"
     axes.set_title(f"Time against accuracy (dashed: 1e-3, 1e-4, 1e-6): {told}")
     plots.save(figure, path)

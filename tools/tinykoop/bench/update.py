@@ -320,7 +320,7 @@ def replay_rows(x, u, flags, repeats=REPLAY_REPEATS):
     rows = []
     for (dictionary, regulator, form), ours in times.items():
         estimator = _estimator(dictionary, regulator, form)
-        seen = estimator.replay(x, u, traces=("status", "gated"))
+        seen = estimator.replay(x, u, traces=("status", "frozen"))
         task = f"replay_f32_N{estimator.N}_{regulator}{REPLAY_FORMS[form]}"
         if (regulator, form) == ("ef", "sqrt"):
             row = compare(task, ours, peers[dictionary], "NumPy, update only", version("numpy"), flags)
@@ -328,7 +328,7 @@ def replay_rows(x, u, flags, repeats=REPLAY_REPEATS):
             row = {"task": task, "unit": "ns", "ours": round(statistics.median(ours), 2)}
             row |= {"peer": None, "peer_name": None, "peer_version": None, "ratio": None, "flags": flags}
         row["samples_per_second"] = round(1e9 / row["ours"])
-        row |= {"refused": float((seen["status"] < 0).mean()), "gated": float(seen["gated"].mean())}
+        row |= {"refused": float((seen["status"] < 0).mean()), "frozen": float(seen["frozen"].mean())}
         rows.append(row)
     return rows
 
@@ -346,7 +346,7 @@ def show_replays(rows):
 
     lines = [[scenario.LABELS[g], *(cell(N, g, form) for N, form in columns)] for g in REPLAY_REGULATORS]
     ratios = ", ".join(f"{row[f'replay_f32_N{N}_ef_sqrt']['ratio']:.1f} (N = {N})" for N in sizes)
-    gated = [100 * r["gated"] for r in rows if "_dz_" in r["task"] and r["task"].endswith("_sqrt")]
+    gated = [100 * r["frozen"] for r in rows if "_dz_" in r["task"] and r["task"].endswith("_sqrt")]
     results.print_table(
         "Replay of a log from lift to update, float32, one core: million samples per second",
         ["regulator", *(f"N = {N}, {form}" for N, form in columns)],

@@ -1,10 +1,10 @@
-"""The diagnoser on generated logs whose effect it is not told.
+"""The diagnoser on generated logs with sealed labels.
 
 Logs come from a plant of their own (`plant`, `drives`, `tiers`). The labels are written and sealed first; then every
 log is diagnosed in a process that sees nothing but the log and a fresh log, and `score` compares report and label.
 
     blind/labels.json      the truth
-    blind/seal.json        SHA-256 of the labels, seed, logs a tier, who diagnoses
+    blind/seal.json        SHA-256 of the labels, seed, logs per tier, who diagnoses
     blind/logs, fresh      contract CSVs under shuffled numbers
     blind/reports/WHO      one file per log: report, exit status, seconds of processor time
     blind.json             the figures, written last: a run that was killed leaves none
@@ -95,7 +95,7 @@ def _draw(tier, seed, k):
 def _empty(work):
     """The folder of the campaign, made empty; only what an earlier one left is removed."""
     if work.exists() and any(work.iterdir()) and not (work / "labels.json").exists():
-        raise UserError(f"{work}: holds something else than a blind check; move it or choose another --out")
+        raise UserError(f"{work}: is not the folder of a blind evaluation; move it or choose another --out")
     shutil.rmtree(work, ignore_errors=True)
     return output_folder(work)
 
@@ -125,7 +125,7 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
     from . import draw, page, score
 
     if n < 1 or seed < 0:
-        raise UserError(f"{n} logs a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
+        raise UserError(f"{n} logs per tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
     out = output_folder(out)
     diagnosers = {score.OURS: Command()} | others() if diagnosers is None else diagnosers
     work = out / "blind"

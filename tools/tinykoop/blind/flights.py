@@ -1,7 +1,7 @@
-"""The diagnoser on simulated flapping-wing flights whose effect it is not told: drawn, sealed, diagnosed, scored.
+"""The diagnoser on simulated flapping-wing flights with sealed labels: drawn, sealed, diagnosed, scored.
 
 The vehicle is the simulator's own with effects switched on, so these are the best of conditions: what cannot be told here
-cannot be told from a real flight either. Magnitudes are 0.7 to 1.5 times the usual ones, of either sign where an effect has two.
+cannot be distinguished from a real flight either. Magnitudes are 0.7 to 1.5 times the usual ones, of either sign where an effect has two.
 
     blind_fwmav/labels.json      the truth, with its SHA-256 in seal.json, written before any diagnosis
     blind_fwmav/logs, reports
@@ -19,9 +19,9 @@ from . import DIAGNOSE, Command, _empty, diagnose, page, score
 
 TIERS = {
     "none": "none: healthy",
-    "single": "one, all along",
+    "single": "one, throughout",
     "switch": "one, from some time on",
-    "pair": "two, all along",
+    "pair": "two, throughout",
     "left_out": "one, not in the library",
 }
 MANOEUVRES = ("hover", "pitch", "yaw")
@@ -96,7 +96,7 @@ def _row(label, run):
 def run(out, n, seed, cluster=None, jobs=None, update=False):
     """Writes blind_fwmav.json and its plot, and with `update` the table of docs/flapping-wing.md; returns the rows."""
     if n < 1 or seed < 0:
-        raise UserError(f"{n} flights a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
+        raise UserError(f"{n} flights per tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
     out = output_folder(out)
     with alone(out / "blind_fwmav.json"):
         rows = _campaign(out, n, seed, cluster, jobs)

@@ -86,7 +86,7 @@ def drives(results):
 
 FLIGHTS = {
     "healthy": ("none",),
-    "one effect, all along or from some time on": ("single", "switch"),
+    "one effect, throughout or from some time on": ("single", "switch"),
     "two effects": ("pair",),
     "one effect, taken out of the library": ("left_out",),
 }

@@ -152,7 +152,7 @@ def _share(before, after, least):
 
 
 def recomputed_gap(answer, fresh):
-    """({H: before}, {H: after}) on the fresh log, from the simulator under the effects that are reported, all along."""
+    """({H: before}, {H: after}) on the fresh log, from the simulator under the effects that are reported, throughout."""
     table = bridge.effects()
     try:
         active = [

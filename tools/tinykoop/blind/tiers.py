@@ -7,7 +7,7 @@ and on the fresh log (noise-free, against the nominal simulator, within the span
 such demand) and the healthy robots are exempt.
 
 The fresh log is another drive of the same robot in the same noise, on a clock of its own: an effect that switches acts
-there all along.
+there throughout.
 """
 
 from dataclasses import asdict, replace
@@ -140,7 +140,7 @@ def causes(random, tier, seed, k, u, dt):
 
 
 def _along(acting, duration):
-    """The causes on the fresh log, s: each once, all along; what a battery loses goes with time."""
+    """The causes on the fresh log, s: each once, throughout; what a battery loses goes with time."""
     there, most = {}, bridge.effects()["battery_sag"][1][0][3]
     for c in acting:
         parameters = dict(c.parameters)

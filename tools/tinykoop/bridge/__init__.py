@@ -1,6 +1,6 @@
 """The simulator and the estimators of host_sim/, through its one C interface."""
 
-from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Guard, Mpc, Solution
+from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Supervisor, Mpc, Solution
 from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, simulate, windows
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
@@ -11,6 +11,6 @@ from .unmodelled import Effect, effects, usual_effect
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
-    "Guard", "Log", "Mpc", "Rollouts", "Solution", "effects", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
+    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
     "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The controller of lib/ and its guard."""
+"""The controller of lib/ and its supervisor."""
 
 import ctypes as ct
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class _Solution(ct.Structure):
     ]
 
 
-class _GuardSettings(ct.Structure):
+class _SupervisorSettings(ct.Structure):
     _fields_ = [
         ("offline", DOUBLES),
         ("min_cosine", ct.c_double),
@@ -68,12 +68,12 @@ class Mpc:
         )  # fmt: skip
 
 
-MODELS = ("online", "last good", "offline", "none")  # what the guard plans on, KOOP_GUARD_...
+MODELS = ("online", "last good", "offline", "none")  # what the supervisor plans on, KOOP_SUPERVISOR_...
 
 
 @dataclass(frozen=True)
-class Guard:
-    """The guard with its offline model (N, N+2); zeros mean the library's defaults."""
+class Supervisor:
+    """The supervisor with its offline model (N, N+2); zeros mean the library's defaults."""
 
     offline: np.ndarray
     min_cosine: float = 0.0
@@ -89,7 +89,7 @@ class Guard:
         offline = reals(self.offline)
         if offline.shape != shape:
             raise ValueError(f"expected an offline model of shape {shape}, got {offline.shape}")
-        settings = _GuardSettings(
+        settings = _SupervisorSettings(
             doubles(offline), self.min_cosine, self.min_gain, self.max_gain, self.max_error_ratio,
             self.max_residual, self.max_tracking_ratio, self.patience, self.renewal,
         )  # fmt: skip

@@ -11,7 +11,7 @@ from .unmodelled import active_effects
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
 
 # What a replay writes down, with one row for each transition.
-FLAGS = ("status", "gated", "positive_definite", "trust")
+FLAGS = ("status", "frozen", "positive_definite", "trust")
 TRUST = ("trusted", "doubtful", "refuse")  # what `trust` counts
 TRACES = ("error", "predicted", "innovation", *FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
 
@@ -39,7 +39,7 @@ class _Trace(ct.Structure):
         ("predicted", DOUBLES),
         ("innovation", DOUBLES),
         ("status", INTS),
-        ("gated", INTS),
+        ("frozen", INTS),
         ("positive_definite", INTS),
         ("trust", INTS),
         ("trace", DOUBLES),
@@ -180,13 +180,13 @@ class Estimator:
         )  # fmt: skip
         return out
 
-    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0, solver=None, guard=None):
+    def control(self, mpc, reference, dt, steps, x0, active=(), learn=True, every=0, solver=None, supervisor=None):
         """Drives the DDR along `reference` (steps + horizon + 1, 3) with Koopman-MPC on this model.
 
         solver(theta (N, N+2), psi (N), reference (horizon, 3)) -> u (2) or None: plans in the
         library's place; None is a fallback to the safe input (0, 0).
 
-        guard: a Guard; the traces then have model (index into MODELS) and resets (of the learner, so far).
+        supervisor: a Supervisor; the traces then have model (index into MODELS) and resets (of the learner, so far).
 
         Returns a dict of traces, one row for each step: u, status (not 0: the safe input was
         given), residual (KKT), iterations, solve_us, innovation; x has one row more; with every > 0 theta and
@@ -198,7 +198,7 @@ class Estimator:
         out = {"x": np.empty((steps + 1, 3)), "u": np.empty((steps, 2))}
         out |= {name: np.empty(steps) for name in ("residual", "solve_us", "innovation")}
         out |= {name: np.empty(steps, np.int32) for name in ("status", "iterations")}
-        out |= {name: np.empty(steps, np.int32) for name in ("model", "resets") if guard}
+        out |= {name: np.empty(steps, np.int32) for name in ("model", "resets") if supervisor}
         if every:
             count = -(-steps // every)
             out["theta"] = np.empty((count, self.N, self.d))
@@ -210,7 +210,7 @@ class Estimator:
         call(
             "tk_control", self._handle, ct.byref(settings), active_effects(active), ct.c_size_t(len(active)),
             ct.c_double(dt), ct.c_size_t(steps), doubles(x0), doubles(reference), ct.c_int(learn),
-            guard.settings((self.N, self.d)) if guard else None, ct.byref(c_trace),
+            supervisor.settings((self.N, self.d)) if supervisor else None, ct.byref(c_trace),
         )  # fmt: skip
         return out
 

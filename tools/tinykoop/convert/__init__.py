@@ -33,22 +33,22 @@ def detect(path):
         if import_module(f".{name}", __package__).is_mine(path, head):
             return name
     known = "; ".join(f"{name} ({what})" for name, what in FORMATS.items())
-    raise UserError(f"{path}: none of the formats known here: {known}; if it is one all the same, say so with --format")
+    raise UserError(f"{path}: unknown format; the known ones are {known}; choose one with --format")
 
 
 def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
     """Converts the log `source` to the CSV `out`, and says what each column was made of.
 
-    rate: rows a second (default: that of the slowest part of the state). maps: COLUMNS=FIELD[UNIT]*FACTOR, or a TOML file.
-    damaged: take what can be read of a file that is cut off.
+    rate: rows per second (default: that of the slowest part of the state). maps: COLUMNS=FIELD[UNIT]*FACTOR, or a TOML file.
+    damaged: take what can be read of a file that is truncated.
     """
     source, out = Path(source), Path(out)
     if not source.exists():
         raise UserError(f"{source}: no such file; check the path")
     if out.exists() and out.resolve() == source.resolve():
-        raise UserError(f"{out}: is the source itself; name another file to write")
+        raise UserError(f"{out}: is the source; name another output file")
     if rate is not None and not 0 < rate <= 1e5:
-        raise UserError(f"--rate {rate:g}: rows a second must be above 0, at most 100000")
+        raise UserError(f"--rate {rate:g}: rows per second must be above 0, at most 100000")
     module = import_module(f".{form or detect(source)}", __package__)
     with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes make numbers of every kind
         log = module.open_log(source, damaged)

@@ -58,15 +58,15 @@ def open_log(path, damaged):
         raise UserError(f"{path}: not a dataflash log: it does not begin with the bytes A3 95")
     os.environ["PYMAVLINK_FAST_INDEX"] = "0"  # the fast one prints of damaged bytes where nothing can keep it from
     dataflash = package("pymavlink.DFReader", "logs")
-    with guarded(path):
+    with readable(path):
         reader = dataflash.DFReader_binary(str(path))
     if not damaged and not whole(reader, data):
-        raise UserError(f"{path}: cut off or damaged (power gone while logging?); --damaged takes what can be read")
+        raise UserError(f"{path}: truncated or damaged (power failure while logging?); --damaged reads what is intact")
     return Dataflash(path, data, reader, dataflash.FORMAT_TO_STRUCT)
 
 
 @contextlib.contextmanager
-def guarded(path):
+def readable(path):
     """Damaged bytes make pymavlink raise errors of any kind, and print; the user gets one line."""
     try:
         with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
@@ -111,7 +111,7 @@ class Dataflash(Log):
                 self.topics[name] = [field for field, kind in kinds if kind not in TEXT and field != "TimeUS"]
 
     def read(self, names, commands):
-        with guarded(self.path):
+        with readable(self.path):
             topics = {name.partition(".")[0] for name in names}
             tables = {topic: self.table(*self.where[topic]) for topic in topics}
             return {name: series(*name.split("."), tables[name.partition(".")[0]]) for name in names}

@@ -1,4 +1,4 @@
-"""A CSV of one's own, with any names, units and delimiter: what is not named as here, the user maps."""
+"""Your own CSV, with any names, units and delimiter: what is not named as here, the user maps."""
 
 import numpy as np
 

@@ -42,7 +42,7 @@ def of_text(log, text, columns):
     found = SOURCE.fullmatch(right)
     if not left or not found:
         example = next((log.full(topic, fields[0]) for topic, fields in log.topics.items() if fields), log.place)
-        raise UserError(f"--map {text}: say COLUMN={log.place}, as in {columns[0]}={example}; or name a .toml file")
+        raise UserError(f"--map {text}: write COLUMN={log.place}, as in {columns[0]}={example}; or name a .toml file")
     for column in left.split(","):
         if column not in columns:
             raise UserError(f"--map {text}: no column {column!r} here; there are {', '.join(columns)}")

@@ -62,7 +62,7 @@ def open_log(path, damaged):
         reader = AnyReader([file], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
     except Exception as error:  # whatever a damaged file makes of rosbags
-        raise UserError(f"{path}: not a ROS 2 bag, cut off or damaged ({listed([error])}); {RECOVER}")
+        raise UserError(f"{path}: not a ROS 2 bag, truncated or damaged ({listed([error])}); {RECOVER}")
     return Bag(path, reader)
 
 
@@ -120,7 +120,7 @@ class Bag(Log):
                 yield connection.topic, received, self.reader.deserialize(raw, connection.msgtype)
             self.reader.close()
         except Exception as error:  # whatever a damaged file makes of rosbags
-            raise UserError(f"{self.path}: cut off or damaged ({listed([error])}); {RECOVER}")
+            raise UserError(f"{self.path}: truncated or damaged ({listed([error])}); {RECOVER}")
 
 
 class Counted:

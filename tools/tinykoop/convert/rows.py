@@ -53,7 +53,7 @@ def resample(log, chosen, rate=None):
     if "yaw_rate" in chosen and not chosen["yaw_rate"]:
         columns["yaw_rate"] = yaw_rate(columns)
     if keep.sum() < 3:
-        raise UserError(f"{log.path}: state and command are both there in {int(keep.sum())} rows, at least 3 are needed")
+        raise UserError(f"{log.path}: only {int(keep.sum())} rows have both state and command, at least 3 are needed")
     if not keep.all():
         notes.append(f"Rows left out in gaps: {int((~keep).sum()):,}.")
     breaks = np.sort(np.concatenate([hole.breaks for hole in found.values()]))

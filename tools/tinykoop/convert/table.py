@@ -63,7 +63,7 @@ def number(text, delimiter):
 
 
 def read(path, wanted, damaged=False):
-    """{name: values} of the wanted columns; others may hold any text. `damaged` leaves out a last line that is cut off."""
+    """{name: values} of the wanted columns; others may hold any text. `damaged` leaves out a last line that is truncated."""
     names, delimiter = header(path)
     for name in wanted:
         if names.count(name) > 1:
@@ -82,8 +82,8 @@ def read(path, wanted, damaged=False):
                 if cut_off(path, rows):
                     if damaged:
                         break
-                    raise UserError(f"{path}:{rows.line_num}: the file is cut off in this line; --damaged leaves it out")
-                raise UserError(f"{path}:{rows.line_num}: {listed([error])}; mend or delete the line")
+                    raise UserError(f"{path}:{rows.line_num}: the file is truncated in this line; --damaged omits it")
+                raise UserError(f"{path}:{rows.line_num}: {listed([error])}; correct or delete the line")
             for name, value in found.items():
                 columns[name].append(value)
     return {name: np.array(values) for name, values in columns.items()}
@@ -94,7 +94,7 @@ def following(rows, path):
     try:
         return next((row for row in rows if any(cell.strip() for cell in row)), None)
     except csv.Error as error:
-        raise UserError(f"{path}:{rows.line_num}: {listed([error])}; mend or delete the line")
+        raise UserError(f"{path}:{rows.line_num}: {listed([error])}; correct or delete the line")
 
 
 def cut_off(path, rows):

@@ -80,7 +80,7 @@ class ULogLog(Log):
         self.data, self.damaged, self.usual = data, damaged, USUAL
         subscriptions, whole = survey(data)
         if not whole and not damaged:
-            raise UserError(f"{path}: cut off or damaged (power gone while logging?); --damaged takes what can be read")
+            raise UserError(f"{path}: truncated or damaged (power failure while logging?); --damaged reads what is intact")
         formats = self.parse([], header_only=True).message_formats
         self.where = {}
         for name, instance in subscriptions:
@@ -100,7 +100,7 @@ class ULogLog(Log):
             raise UserError(f"{self.path}: damaged beyond reading ({listed([error])}); copy it from the vehicle again")
         if log.file_corruption and not self.damaged:
             what = said.getvalue().strip() or "unknown messages"
-            raise UserError(f"{self.path}: damaged ({listed([what])}); --damaged takes what can be read")
+            raise UserError(f"{self.path}: damaged ({listed([what])}); --damaged reads what is intact")
         return log
 
     def read(self, names, commands):
@@ -172,7 +172,7 @@ class Watched(io.BytesIO):
         else:
             self.circles += 1
         if self.circles > CIRCLES:
-            raise ValueError(f"nothing to go on with after byte {self.farthest}")
+            raise ValueError(f"no valid message after byte {self.farthest}")
         self.reads += 1
         if self.reads % TICK == 0:
             self.bar.update(self.task, completed=at)

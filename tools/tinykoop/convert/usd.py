@@ -36,12 +36,12 @@ def open_log(path, damaged):
     try:
         events, start, scale = header(data)
     except (struct.error, IndexError, KeyError, UnicodeError, ValueError) as error:
-        raise UserError(f"{path}: the header is cut off or damaged ({listed([error])}); copy the file from the card again")
+        raise UserError(f"{path}: the header is truncated or damaged ({listed([error])}); copy the file from the card again")
     sound = len(data) >= start + 4 and zlib.crc32(data[:-4]) == int.from_bytes(data[-4:], "little")
     if not sound and not damaged:
         raise UserError(
-            f"{path}: cut off or damaged, its check sum is wrong (power gone before logging was stopped?); "
-            "--damaged takes what can be read"
+            f"{path}: truncated or damaged, its check sum is wrong (power failure before logging was stopped?); "
+            "--damaged reads what is intact"
         )
     found, stop, end = scan(path, data, events, start, len(data) - 4 * sound)
     if stop < end and not damaged:
@@ -58,7 +58,7 @@ def open_log(path, damaged):
             full = variable if "." in variable else f"{name}.{variable}"
             samples.setdefault(full, (t, rows[variable].astype(float)))
     if not samples:
-        raise UserError(f"{path}: no event in it; was logging started?")
+        raise UserError(f"{path}: has no events; was logging started?")
     return CrazyflieLog(path, samples, MEND)
 
 

@@ -18,21 +18,21 @@ from .robots import is_own
 
 
 def platform(robot):
-    """The module of a platform, or that of robots of one's own: it has read(), diagnose() and Teller."""
+    """The module of a platform, or that of your own robots: it has read(), diagnose() and Teller."""
     return import_module(f".platforms.{'own' if is_own(robot) else robot}", __package__)
 
 
 def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mcap=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
 
-    robot: a platform, or the TOML file of one's own; without it the columns tell the platform. fresh: another log of the robot, to
+    robot: a platform, or your own TOML file; without it the columns tell the platform. fresh: another log of the robot, to
     validate the result on. without: names of effects that the robot cannot have. healthy: logs of the healthy or earlier robot. sim:
     with a TOML file, a run of the simulator under the log's commands. mcap: also what was measured
     and predicted, into this file. Returns an object whose `report` is what report.json holds.
     Raises UserError if an input is bad.
     """
     if sim and not (robot and is_own(robot)):
-        raise UserError("--sim: only for a robot of one's own; add --robot ROBOT.toml, which says what its columns are")
+        raise UserError("--sim: only for your own robot; add --robot ROBOT.toml, which describes its columns")
     if mcap:
         recording.prepare(mcap)
     robot = of_log(path) if robot is None else robot

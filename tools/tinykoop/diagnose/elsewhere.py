@@ -22,9 +22,9 @@ def joined(logs, names):
 
 
 def carry(causes, parameters, logs, cost):
-    """[(cause that acts all along, whether it acts)] of a fit of the first of two logs on the second.
+    """[(cause that acts throughout, whether it acts)] of a fit of the first of two logs on the second.
 
-    What came or went on the first log acts all along on the second or not at all, whichever costs less there; a loss
+    What came or went on the first log acts throughout on the second or not at all, whichever costs less there; a loss
     grows as fast as on the first. parameters: {name: (Parameter, ..)}. cost(causes): misfit of the second log.
     """
     along = [replace(as_fast(cause, parameters[cause.name], *map(seconds, logs)), segments=ALWAYS) for cause in causes]

@@ -30,7 +30,7 @@ def threshold_sweep(x, u):
                 "regulator": "dz_cs",
                 "delta": delta,
                 "mean_error": float(np.mean(trace["error"])),
-                "skip_rate": float(np.mean(trace["gated"])),
+                "skip_rate": float(np.mean(trace["frozen"])),
                 "final_P_fro": float(trace["norm_p"][-1]),
             }
         )
@@ -152,7 +152,7 @@ def draw_threshold(out, rows):
     bottom.plot(list(PAPER_DELTA), [100 * s for s, _ in PAPER_DELTA.values()], "x", color="#d62728", ms=8, mew=2)
     top.legend()
     top.set_ylabel("mean one-step error (m, rad)")
-    bottom.set_ylabel("samples gated (%)")
+    bottom.set_ylabel("samples with P frozen (%)")
     bottom.set_xlabel("dead-zone threshold $\\delta$ (lifted units)")
     plots.save(figure, out / "ablate_threshold.png")
 

@@ -37,7 +37,7 @@ def row_of(method, precision, x, u):
         "mean_error": float(np.mean(trace["error"])),
         "final_P_fro": float(trace["norm_p"][-1]) if online else None,
         "final_A_fro": float(trace["norm_a"][-1]),
-        "skip_rate": float(np.mean(trace["gated"])) if gates else None,
+        "skip_rate": float(np.mean(trace["frozen"])) if gates else None,
         "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online else None,
         "non_finite_at": scenario.first(trace["status"] < 0),
         "rollout_error": {str(h): float(rollout[h]) for h in (1, 10, 50)},
@@ -223,6 +223,6 @@ def draw_precision(out, rows):
     ax.set_yticks(range(len(table)), [method.label for method, _, _ in table])
     ax.invert_yaxis()
     ax.set_xlim(-14, 14)
-    ax.set_xlabel("mean error of float32 relative to float64 (%), band: 3 %, cut off at 10 %")
+    ax.set_xlabel("mean error of float32 relative to float64 (%), band: 3 %, clipped at 10 %")
     ax.grid(axis="y", visible=False)
     plots.save(figure, out / "learn_precision.png")

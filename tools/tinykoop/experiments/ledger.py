@@ -292,4 +292,4 @@ def run(out, update=False):
     page = (pages.ROOT / "docs/paper.md").read_text()
     changed = [row["claim"] for row in rows if not any(row["claim"] in line and f"| {row['verdict']} |" in line for line in page.splitlines())]
     if changed:
-        raise UserError(f"docs/paper.md: other verdicts than those measured (make ledger UPDATE=1 takes them over): {'; '.join(changed)}")
+        raise UserError(f"docs/paper.md: other verdicts than those measured (make ledger UPDATE=1 updates them): {'; '.join(changed)}")

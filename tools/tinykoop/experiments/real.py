@@ -1,4 +1,4 @@
-"""Real logs: what float32, the gate and the diagnoser make of robots that nobody has simulated.
+"""Real logs: float32, the gate and the diagnoser on robots that have no simulator here.
 
 Each log is replayed through the eleven methods; drives are diagnosed as well. The logs are not part of the project.
 """

@@ -159,7 +159,7 @@ def transfers(name, flights):
                 "steps": int(scored.sum()),
                 "mean_error": float(np.mean(trace["error"][scored])),
                 "final_P_fro": float(trace["norm_p"][-1]) if online else None,
-                "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
+                "skip_rate": float(trace["frozen"][scored].mean()) if gates else None,
                 "delta": delta if gates else None,
                 "calibrated": calibrated,
                 "stays": float(np.linalg.norm(np.diff(flight.x, axis=0), axis=1)[scored].mean()),
@@ -244,9 +244,9 @@ def report(name, rows):
         errors,
         f"Low-pass of {CUTOFF:g} Hz on state and command; square-root form; delta = {DELTA:g}",
     )
-    print_table(f"{name}: the covariance, and float32", ["method", "largest final |P|", "gated %", "f32, relative"], norms)
+    print_table(f"{name}: the covariance, and float32", ["method", "largest final |P|", "frozen %", "f32, relative"], norms)
     print_table(
-        f"{name}: threshold calibrated on the source, the {ETA:g} quantile of its innovations: error, gated, delta",
+        f"{name}: threshold calibrated on the source, the {ETA:g} quantile of its innovations: error, frozen, delta",
         ["method", *names],
         calibrations,
     )

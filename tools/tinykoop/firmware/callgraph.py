@@ -40,7 +40,7 @@ def calls(graph, tables):
 
 
 def cycle(reached):
-    """A function that can come to call itself, or None."""
+    """A function that is recursive, or None."""
     state = {}
 
     def visit(function):

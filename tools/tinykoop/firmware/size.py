@@ -89,10 +89,10 @@ def run(lifted, states, inputs, horizon, precision, target):
             ["controller, Newton", f"{size * reals['mpc_newton']:,}", f"KOOP_MPC_REALS_NEWTON{quad}"],
             ["controller, gradient", f"{size * reals['mpc_gradient']:,}", f"KOOP_MPC_REALS_GRADIENT{quad}"],
             ["  with a rate penalty", f"+ {size * reals['mpc_rate']:,}", f"KOOP_MPC_REALS_RATE({inputs}, {horizon})"],
-            ["guard", f"{size * reals['guard']:,}", f"KOOP_GUARD_REALS{quad}"],
+            ["supervisor", f"{size * reals['supervisor']:,}", f"KOOP_SUPERVISOR_REALS{quad}"],
             ["offline model, in flash", f"{size * reals['model'] + MODEL_HEADER:,}", ""],
         ],
-        f"And {k}_rls, {k}_gate, {k}_mpc, {k}_guard: about 100 bytes each.",
+        f"And {k}_rls, {k}_gate, {k}_mpc, {k}_supervisor: about 100 bytes each.",
     )
     table = []
     large = [rows[level][-1] for level in LEVELS]

@@ -35,11 +35,11 @@ SLACK = 16  # bytes of stack that paint cannot tell
 LEFT_OUT = (
     (".*", "mpc_random_.*", "a campaign of 30,000 solves, minutes under emulation; in double its arrays exceed the M4F's RAM"),
     (".*", "elementary_koopd", "holds against long double, which is no wider than double there, or computed in software"),
-    ("(?!cortex-m7)", "guard_koopf", "dozens of closed loops, a minute or more: run on one target"),
-    (".*", "guard_koopd", "likewise, and the code is guard_koopf's"),
+    ("(?!cortex-m7)", "supervisor_koopf", "dozens of closed loops, a minute or more: run on one target"),
+    (".*", "supervisor_koopd", "the same, and the code is supervisor_koopf's"),
     ("rv32imafc", "long_run_koopf", "compares in double, which is computed in software: half a minute; it is so on the M4F too, where this runs"),
     ("(?!cortex-m7)", "(regulators|covariance|long_run|mpc|mpc_limits|refusal|extremes|gate|flips)_koopd", "double is computed in software, minutes under emulation"),
-    ("(?!cortex-m7)", "(mpc_steps|mpc_factor|mpc_round_off|gate_rules|guard_reference|forms)_koopd", "likewise, or exceeds the M4F's RAM"),
+    ("(?!cortex-m7)", "(mpc_steps|mpc_factor|mpc_round_off|gate_rules|supervisor_reference|forms)_koopd", "the same, or exceeds the M4F's RAM"),
 )
 
 # What lib/ may ask of its surroundings in float32. Not on the list: any double arithmetic, heap, printing.
@@ -194,7 +194,7 @@ def stack(tree):
     graph = tree.object.with_suffix(".ci").read_text()
     tables = callgraph.held_in_tables(tree.tool("objdump", "-r", tree.object))
     if name := callgraph.cycle(callgraph.calls(graph, tables)):
-        raise UserError(f"{tree.target}: {name} can come to call itself")
+        raise UserError(f"{tree.target}: {name} is recursive")
     return {name: size for name, (size, _) in sorted(callgraph.deepest(graph, tables).items())}
 
 
@@ -476,7 +476,7 @@ def run(out, update=False):
         for name, value in headlines(rows).items():
             pages.headline(name, value)
     elif lines := changes(read_committed(), rows):
-        raise UserError("\n".join(["figures against targets/footprint.json (make targets UPDATE=1 takes them over):", *lines]))
+        raise UserError("\n".join(["figures against targets/footprint.json (make targets UPDATE=1 updates them):", *lines]))
     return rows
 
 

@@ -219,7 +219,7 @@ def changes(log, platform):
     return sorted(found, key=lambda c: c["time"])
 
 
-WORDS = {"lasting": "changed for good", "jolt": "a jolt"}
+WORDS = {"lasting": "permanent change", "jolt": "a jolt"}
 
 
 def run(path, out, platform=None):

@@ -77,7 +77,7 @@ def run_log(path, out, platform=None):
     calibrate = log.usable & (index >= FIT * K) & (index < (FIT + CALIBRATE) * K)
     scored = log.usable & (index >= (FIT + CALIBRATE) * K)
     if min(fit.sum(), calibrate.sum(), scored.sum()) < 10:
-        raise UserError(f"{path}: a fifth of the log has fewer than 10 usable steps; it is too short or too broken up")
+        raise UserError(f"{path}: a fifth of the log has fewer than 10 usable steps; it is too short or has too many gaps")
 
     offline, delta = {}, {}
     for dictionary in ("poly", "rbf"):
@@ -114,7 +114,7 @@ def run_log(path, out, platform=None):
                 "steps": int(scored.sum()),
                 "mean_error": float(np.nanmean(trace["error"])),
                 "final_P_fro": norm(estimator.covariance) if online[method] else None,
-                "skip_rate": float(trace["gated"][scored].mean()) if gates else None,
+                "skip_rate": float(trace["frozen"][scored].mean()) if gates else None,
                 "delta": delta[method.dictionary] if gates else None,
                 "lost_positive_definite_at": scenario.first(trace["positive_definite"] == 0) if online[method] else None,
                 "refused": int((trace["status"] < 0).sum()),
@@ -161,10 +161,10 @@ def report(rows, log, scored):
         )
     print_table(
         f"Replay of {rows[0]['source']}: {len(log.t):,} rows at {1 / log.dt:.0f} Hz, {int(scored.sum()):,} steps scored",
-        ["method", "error", "f32 plain", "f32 sqrt", "gate", "P lost", "refused", "gated", "final |P|", "doubt, refuse"],
+        ["method", "error", "f32 plain", "f32 sqrt", "gate", "P lost", "refused", "frozen", "final |P|", "doubt, refuse"],
         lines,
         "error: in float64. f32 plain, f32 sqrt, gate: theirs over it. P lost: row at which the plain form is not positive"
-        " definite. refused: samples, plain / sqrt / gate. In % of samples: gated, P left alone; doubt, refuse, by gate_trust().",
+        " definite. refused: samples, plain / sqrt / gate. In % of samples: frozen, P unchanged; doubt, refuse, by gate_trust().",
     )
 
 

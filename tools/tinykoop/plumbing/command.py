@@ -19,7 +19,7 @@ def run(*command, timeout=600, passes=(0,), **options):
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=timeout, **options)
     except subprocess.TimeoutExpired:
-        raise UserError(f"no end after {timeout} s: {' '.join(command)}")
+        raise UserError(f"timeout after {timeout} s: {' '.join(command)}")
     if done.returncode not in passes:
         tail = "\n".join((done.stdout + done.stderr).strip().splitlines()[-15:])
         raise UserError(f"exit status {done.returncode}: {' '.join(command)}\n{tail}")

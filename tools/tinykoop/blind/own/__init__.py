@@ -1,4 +1,4 @@
-"""The diagnoser on simulated logs of robots of one's own, whose effect it is not told: drawn, sealed, diagnosed, scored.
+"""The diagnoser on simulated logs of your own robots, with sealed labels: drawn, sealed, diagnosed, scored.
 
 A plant is one file here and one line of ROBOTS. Its code is not that of the robot's simulator: commands and sensors act in steps
 much shorter than a row (`plant`), the motion is integrated otherwise, or by another time step of the engine.

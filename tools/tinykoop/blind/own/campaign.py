@@ -94,7 +94,7 @@ def row_of(label, run):
 def run(out, name, n, seed, cluster=None, jobs=None, which=None, update=False):
     """Writes blind_NAME.json and its plot, and with `update` the robot's table of docs/own-robot.md; returns the rows."""
     if n < 1 or seed < 0:
-        raise UserError(f"{n} logs a tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
+        raise UserError(f"{n} logs per tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
     out, plant = output_folder(out), ROBOTS[name]
     with alone(out / f"blind_{name}.json"):
         rows = _campaign(out, plant, n, seed, cluster, jobs, which or TIERS)

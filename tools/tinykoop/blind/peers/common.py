@@ -145,7 +145,7 @@ _BEGIN_SHARES = {
     "dead_band": [(0.01, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25, 0.35)] * 2,
     "saturation": [(0.0, 0.1, 0.25, 0.4, 0.6)] * 2,
 }
-_FIXED = {"pacejka_slip": ("C", "E")}  # hardly to be told from B and D: left at their usual values
+_FIXED = {"pacejka_slip": ("C", "E")}  # hardly distinguishable from B and D: kept at their usual values
 _SHAPE = {"pacejka_slip": ("B", "lat"), "stribeck_friction": ("vs",)}  # nothing without the other parameters
 
 
@@ -153,7 +153,7 @@ class Fit:
     """Bounded least squares of some effects' parameters on windows of a log, robust to outliers.
 
     Coordinates are parameters over their usual values, and zero is no effect; for `saturation`, which does
-    nothing when large, the share of the largest command that is cut off.
+    nothing when large, the share of the largest command that is clipped.
     """
 
     def __init__(self, data, noise, names, steps=WINDOW, stride=4, prior=None, begin=None):

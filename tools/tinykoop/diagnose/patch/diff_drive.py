@@ -95,7 +95,7 @@ def _with_limit(text, axis, limit, path):
 
 
 def _written(value):
-    """A double, which ROS 2 tells from an integer by its point."""
+    """A double, which ROS 2 distinguishes from an integer by its point."""
     text = f"{value:.6g}"
     return text if set(text) & set(".en") else f"{text}.0"
 

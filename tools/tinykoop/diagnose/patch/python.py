@@ -1,4 +1,4 @@
-"""A Python function that does to the commands of a drive what the effects do, for a simulator of one's own."""
+"""A Python function that does to the commands of a drive what the effects do, for your own simulator."""
 
 from . import snippet
 

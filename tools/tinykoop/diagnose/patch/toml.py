@@ -1,4 +1,4 @@
-"""The TOML file of one's own robot: effects that act are told there, and belong to the simulator from then on."""
+"""The TOML file of your own robot: effects that act are added there, and belong to the simulator from then on."""
 
 
 def _value(number):

@@ -1,1 +1,1 @@
-"""Robots as the diagnoser takes them: those that come with TinyKoop, and one's own."""
+"""Robots as the diagnoser takes them: those that come with TinyKoop, and your own."""

@@ -1,4 +1,4 @@
-"""Noise that healthy runs show, in the place of noise.py: innovations are white once what healthy ones correlate by is taken out."""
+"""Noise that healthy runs show, instead of noise.py: innovations are white once what healthy ones correlate by is taken out."""
 
 from dataclasses import dataclass, replace
 

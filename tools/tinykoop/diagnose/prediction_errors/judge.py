@@ -15,7 +15,7 @@ SAME = 6.0  # squares, by which two explanations may differ and be one
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 DOUBT = 0.8  # of a confidence stays where something is left
-UNSURE = 0.5  # most confidence where one command was held all along
+UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
 CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows apart, are not those of the noise that is told
 SPREAD = 50  # rows of a block that counts as one observation
@@ -67,7 +67,7 @@ def dropped(fitter, fit):
 
 
 def _rivals(search, fit, rest, i):
-    """[fits with another effect in the place of cause i], the likeliest."""
+    """[fits with another effect instead of cause i], the likeliest."""
     fitter = search.fitter
     likely = [c for _, c in search.candidates(rest) if c.name != fit.causes[i].name and c.name not in rest.names][:RIVALS]
     likely = [Cause(c.name, c.params, fit.causes[i].segments) for c in likely]

@@ -33,7 +33,7 @@ class Path:
     sensor_scale = 1.0  # from the noise that the engine reckons with to that of a sensor, for the report
     lookalikes: dict = {}  # {effects that together look like something that is no effect here: what}
     tiny = 0.0  # of its usual size: what is less does not matter
-    steady = False  # whether one command was held all along
+    steady = False  # whether one command was held throughout
     spent = False  # whether the simulator was asked so much that no further cause is looked for
     matters_ahead = True  # whether a cause must close a part of the gap of predictions
     stray = True  # whether rows that stand alone are outliers

@@ -60,7 +60,7 @@ def begun_anew(states, state):
 
 
 def opened(states, state):
-    """With causes that act all along in the place of those that come and go."""
+    """With causes that act throughout instead of those that come and go."""
     timed = [i for i, c in enumerate(state.causes) if c.segments != ALWAYS]
     for some in dict.fromkeys([tuple(timed), *((i,) for i in timed)] if timed else []):
         wider = tuple(replace(c, segments=ALWAYS) if i in some else c for i, c in enumerate(state.causes))
@@ -72,7 +72,7 @@ def opened(states, state):
 
 
 def simplified(states, state):
-    """One cause in the place of several."""
+    """One cause instead of several."""
     for count in range(len(state.causes), 1, -1):
         for group in combinations(state.causes, count):
             better = _one_for(states, state, group)
@@ -82,7 +82,7 @@ def simplified(states, state):
 
 
 def _one_for(states, state, group):
-    """The state with one cause in the place of a group, if that is worth more."""
+    """The state with one cause instead of a group, if that is worth more."""
     fitter = states.at(state)
     base = fitter.fit_of(tuple(c for c in state.causes if c not in group))
     likely = []

@@ -54,7 +54,7 @@ def _normal(path, weights):
     diagonal = np.einsum("ci,kc,cj->kij", path.C, readings, path.C) + np.diag(starts) * np.where(path.begins, 1.0, RIDGES[0])[:, None, None]
     diagonal[1:] += Q
     diagonal[:-1] += A.swapaxes(1, 2) @ Q @ A
-    unit = 1 / np.sqrt(np.einsum("kii->ki", diagonal))  # else states of other units would not be told from round-off
+    unit = 1 / np.sqrt(np.einsum("kii->ki", diagonal))  # else states of other units would not be distinguished from round-off
     below = -Q @ A * unit[1:, :, None] * unit[:-1, None, :]
     return diagonal * unit[:, :, None] * unit[:, None, :] , below, unit
 

@@ -13,7 +13,7 @@ COLOURED = 0.95  # noise that correlates as much is hard to tell from slow error
 WHITE = 0.1  # correlation of noise that counts as none
 MOVES = 0.01  # of the usual rate, from which on random motion is told
 STANDS_OUT = 1.2  # times the average, from which on a region is told
-LOUDER = 1.5  # times its share of the time, that a part of the gap must be to be told
+LOUDER = 1.5  # times its share of the time, that a part of the gap must have to be reported
 HIDDEN = 0.1  # standard deviations per row, below which an experiment separates nothing
 LEADING = 0.1  # share of what is left, from which on its dependence is told
 MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
@@ -493,7 +493,7 @@ class Teller:
         return said
 
     def ambiguous(self):
-        """Which effects this log cannot tell apart."""
+        """The effects that this log cannot distinguish."""
         return [
             f"{capital(listed([self.title(e['name']), *self.rivals(e['name'])], 'or'))}: this log cannot separate them."
             for e in self.effects

@@ -4,7 +4,7 @@ from ... import platforms
 
 
 def is_own(robot):
-    """Whether a robot is the file of one's own, and not a platform; refuses what is neither."""
+    """Whether a robot is your own file, and not a platform; refuses what is neither."""
     if robot.endswith(".toml"):
         return True
     platforms.check(robot, "the TOML file of a robot of your own (docs/own-robot.md)")

@@ -10,7 +10,7 @@ from ..robot import RunsAway
 
 @dataclass(frozen=True)
 class Action:
-    """Row by row: commands (K, m) in the place of the log's, parameters (K, p), how fast time goes (K,), and functions.
+    """Row by row: commands (K, m) instead of the log's, parameters (K, p), how fast time goes (K,), and functions.
 
     pushes: (x (B, n), u (B, m), rows (B,)) -> what is added to rates (B, n). readings: (library.Reading, rows (K,) in which it acts).
     """
@@ -104,7 +104,7 @@ class Stepper:
             row = int(rows[np.argmin(np.isfinite(once).all(1))])
             raise UserError(f"the simulator of {self.robot.name} is not finite one step after row {row + 1} of the log")
         if not np.array_equal(once, again):
-            raise UserError(f"the simulator of {self.robot.name} gives another answer to the same question; take its random parts out")
+            raise UserError(f"the simulator of {self.robot.name} is not deterministic: two calls with the same arguments differ; remove its random parts")
         return once
 
 

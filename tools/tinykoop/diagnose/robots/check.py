@@ -250,7 +250,7 @@ def refuse(findings, log, robot):
 
 
 def run(robot_file, log_file, sim=None):
-    """Prints what looks wrong, how far the simulator is off, and which effects this log cannot tell apart; 2 where it cannot be right."""
+    """Prints what looks wrong, how far the simulator is off, and which effects this log cannot distinguish; 2 where it cannot be right."""
     robot, log = toml.read_both(robot_file, log_file, sim)
     found = mistaken(robot, log)
     path = None if any(f.wrong for f in found) else Path(robot, log)
@@ -269,7 +269,7 @@ def run(robot_file, log_file, sim=None):
     print_table("The simulator as it is", ("gap", *(f"{h} ahead" for h in ahead.HORIZONS), "noise"), rows)
     classes = alike(path)
     if classes:
-        say("On this log these are the same:", "bold")
+        say("This log cannot distinguish:", "bold")
         for names in classes:
             say(f"  {', '.join(names)}")
 

@@ -1,4 +1,4 @@
-"""Plain functions of a robot's states and commands, of size one: what an effect that nobody thought of may depend on."""
+"""Functions of a robot's states and commands, scaled to size one, on which an unknown effect may depend."""
 
 import numpy as np
 

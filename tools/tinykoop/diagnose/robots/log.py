@@ -30,7 +30,7 @@ def _number(text, path, line, column):
     try:
         return float(text)
     except ValueError:
-        raise UserError(f"{path}:{line}: {column}: {text.strip()[:40]} is no number; leave it empty where a value is missing") from None
+        raise UserError(f"{path}:{line}: {column}: {text.strip()[:40]} is not a number; leave the cell empty if the value is missing") from None
 
 
 def read(path, robot):
@@ -57,7 +57,7 @@ def _log(path, robot, values):
     step = np.diff(t)
     if not np.isfinite(t).all() or not (step > 0).all():
         row = int(np.argmin(np.r_[True, step > 0])) if np.isfinite(t).all() else int(np.argmin(np.isfinite(t)))
-        raise UserError(f"{path}:{row + 2}: time must be there in every row and grow; sort the log, or leave the row out")
+        raise UserError(f"{path}:{row + 2}: every row needs a time, and time must increase; sort the log, or remove the row")
     dt = float(np.median(step))
     x = np.stack([values[s.name] for s in robot.states], 1)
     u = np.stack([values[s.name] for s in robot.commands], 1)

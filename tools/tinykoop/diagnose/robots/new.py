@@ -58,10 +58,10 @@ def step(x, u, dt, params):
 def run(name):
     """Writes NAME.toml and NAME.py into this folder."""
     if not name.isidentifier():
-        raise UserError(f"{name}: is no name for a robot; use letters, digits and _")
+        raise UserError(f"{name}: is not a valid robot name; use letters, digits and _")
     for text, ending in ((TOML, ".toml"), (PYTHON, ".py")):
         path = Path(f"{name}{ending}")
         if path.exists():
-            raise UserError(f"{path}: is there already; choose another name, or remove it")
+            raise UserError(f"{path}: already exists; choose another name, or remove it")
         write_bytes(path, text.format(name=name).encode())
         print(path)

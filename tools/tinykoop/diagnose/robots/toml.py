@@ -92,7 +92,7 @@ def _simulator(table, path):
 
 
 def read_both(path, log_file, sim=None):
-    """(Robot of a TOML file, its RobotLog); sim: a run of the simulator (CSV), in the place of what the TOML has."""
+    """(Robot of a TOML file, its RobotLog); sim: a run of the simulator (CSV), instead of what the TOML has."""
     robot = read(path, sim is None)
     log = read_log(log_file, robot)
     return (recorded.of(robot, sim, log) if sim else robot), log
@@ -128,11 +128,11 @@ def read(path, simulated=True):
     parameters = tuple(_inner(p, path) for p in table.get("parameter", []) if simulated)
     for what, some in (("state", states), ("command", commands)):
         if not some:
-            raise UserError(f"{path}: [log]: {what} must list one at least")
+            raise UserError(f"{path}: [log]: {what} must list at least one")
     names = [s.name for s in (*states, *commands)]
     for name in names:
         if names.count(name) > 1:
-            raise UserError(f"{path}: two signals are called {name}")
+            raise UserError(f"{path}: duplicate signal name {name}")
     for output in outputs:
         if output.measures not in names:
             raise UserError(f"{path}: [log] extra {output.name}: measures must be one of {', '.join(names)}")

@@ -234,7 +234,7 @@ def _described(fmpy, path, place):
     if description.fmiVersion == "1.0":
         raise UserError(f"{place}: is of FMI 1.0; export it as FMI 2.0 or 3.0")
     if description.coSimulation is None:
-        raise UserError(f"{place}: cannot step by itself (no CoSimulation in modelDescription.xml); export it for co-simulation")
+        raise UserError(f"{place}: does not support co-simulation (no CoSimulation in modelDescription.xml); export it for co-simulation")
     system = fmpy.platform if description.fmiMajorVersion == 2 else fmpy.platform_tuple
     library = f"binaries/{system}/{description.coSimulation.modelIdentifier}{fmpy.sharedLibraryExtension}"
     if library not in files:

@@ -47,12 +47,12 @@ class Field:
         numbers = {name: np.atleast_1d(getattr(owner, name)) for name in dir(owner) if name[0] != "_"}
         among(self.what, [name for name, held in numbers.items() if held.dtype == float], self.where, "number")
         if self.what == "timestep":
-            raise UserError(f"{self.where}: is no parameter; every diagnosis tries shorter steps of time by itself")
+            raise UserError(f"{self.where}: is no parameter; every diagnosis tests shorter time steps")
         size = numbers[self.what].size
         if max(self.at) >= size:
             raise UserError(f"{self.where}: {self.what} has {size} numbers; the last is {self.what}/{size - 1}")
         if np.ptp(self._values(model)) > 0:
-            raise UserError(f"{self.where}: stands for different numbers, {self._values(model)}; make a [[parameter]] of each")
+            raise UserError(f"{self.where}: refers to different numbers, {self._values(model)}; make a [[parameter]] of each")
 
     def _owners(self, model):
         return [getattr(model, self.kind)(name) for name in self.names] or [model.opt]
@@ -165,9 +165,9 @@ def _load(mujoco, path):
         raise UserError(f"{path}: {' '.join(str(error).split())[:200]}") from error
     turning = [model.joint(i).name or "unnamed" for i in range(model.njnt) if model.joint(i).qpos0.size > 1]
     if turning:
-        raise UserError(f"{path}: joint {turning[0]} is free or a ball; put three slides and hinges in its place")
+        raise UserError(f"{path}: joint {turning[0]} is free or a ball; replace it by three slides and three hinges")
     if mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) != 1 + model.nq + model.nv + model.na:
-        raise UserError(f"{path}: has delays, plugins or plasticity, whose states no log has; take them out")
+        raise UserError(f"{path}: has delays, plugins or plasticity, whose states no log has; remove them")
     return model
 
 

@@ -1,4 +1,4 @@
-"""A recorded run of the user's simulator in the place of that: rates as polynomials of few signals, fitted to the run's steps.
+"""A recorded run of the user's simulator instead of that: rates as polynomials of few signals, fitted to the run's steps.
 
 A run shows what the simulator does from the states that it came to. What it would do from others, which a diagnosis has to know,
 is what the polynomials say: they are tried on parts of the run that they have not seen, and refused where they are off.
@@ -140,11 +140,11 @@ def _same_ground(robot, run, log, chosen, path):
         low, high = here.min(0), here.max(0)
         room = BEYOND * (high - low) + 1e-9
         if ((there < low - room) | (there > high + room)).any(1).mean() > FEW:
-            raise UserError(f"{path}: does not go where the log goes in {names[i]}; record the simulator under the log's commands")
+            raise UserError(f"{path}: does not follow the log in {names[i]}; record the simulator under the log's commands")
 
 
 def of(robot, path, log):
-    """The robot with a recorded run in the place of its simulator, for the diagnosis of a log."""
+    """The robot with a recorded run instead of its simulator, for the diagnosis of a log."""
     robot, whole = replace(robot, outputs=(), parameters=()), robot  # a run needs no column of a further sensor
     recorded = read(path, robot)
     if abs(recorded.dt / log.dt - 1) > 0.01:

@@ -98,7 +98,7 @@ INTERVENTIONS = {
     "nothing, learner in NumPy": lambda s, o: _relearn(s, o),
     "exact solver (DAQP)": lambda s, o: _begin(s, o, Stage(solvers.SOLVER_STEPS, solver=daqp_solver())),
     "v at least 0.5 m/s": lambda s, o: _whole(s, o, limit=pushed),
-    "goes on at $p_x$ = 320 m": _far,
+    "continued at $p_x$ = 320 m": _far,
     "model held, 10 steps": lambda s, o: _begin(s, o, Stage(10, learn=False)),
     "paper's commands, 20 steps": lambda s, o: _begin(s, o, _paper_commands(20)),
     "P of CT": lambda s, o: _crossed(s, o, VANILLA, BOUNDED),

@@ -1,4 +1,4 @@
-"""Solvers of the controller's quadratic program, each in the place of the library's."""
+"""Solvers of the controller's quadratic program, each instead of the library's."""
 
 from dataclasses import replace
 from importlib import import_module

@@ -7,7 +7,7 @@ from ...prediction_errors.fit import Cause, Fitter
 from .path import Path
 
 SECONDS, FEWEST_ROWS = 40.0, 200
-PAIRS = 6  # that are to be told apart, at most
+PAIRS = 6  # that must be distinguished, at most
 
 
 def _steps(values, dt, rows):

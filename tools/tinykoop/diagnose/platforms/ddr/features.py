@@ -26,7 +26,7 @@ def functions(u, pose, dt):
     v_s, w_s = np.std(v) + np.abs(v).mean() + 1e-9, np.std(w) + np.abs(w).mean() + 1e-9
     a, b = v / v_s, w / w_s
     every = (0, 1, 2)
-    # smooth: a feature must not carry the noise that it is to be told from
+    # smooth: a feature must not carry the noise from which it must be distinguished
     pose = ndimage.uniform_filter1d(np.column_stack([pose[:, :2], np.unwrap(pose[:, 2])]), SMOOTH, axis=0)
     theta = pose[:, 2]
     # in the order in which a short log can afford them

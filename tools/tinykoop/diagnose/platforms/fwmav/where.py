@@ -17,7 +17,7 @@ MOST = 6  # bands
 
 
 def located(found, missed, innovations, healthy):
-    """The `where` of the report. missed (W, H, 9): by predictions without effects; innovations (K, 9): likewise; healthy: a Baseline."""
+    """The `where` of the report. missed (W, H, 9): by predictions without effects; innovations (K, 9): the same; healthy: a Baseline."""
     path, log, systematic = found.path, found.path.log, _systematic(found.path, found.fit)
     edges = [edge for cause in found.fit.causes for span in cause.segments for edge in span]
     return {

@@ -1,4 +1,4 @@
-"""Robots of one's own, each a TOML file and a simulator."""
+"""Your own robots, each a TOML file and a simulator."""
 
 from .diagnosis import diagnose, read
 from .path import Path

@@ -1,4 +1,4 @@
-"""The diagnosis of a robot of one's own: log and simulator in, where, which and how much out."""
+"""The diagnosis of your own robot: log and simulator in, where, which and how much out."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from .path import Path
 def read(path, fresh, healthy, robot, sim=None):
     """(the RobotLog, what diagnose() takes beside it).
 
-    robot: a TOML file; sim: a run of the simulator under the log's commands (CSV), in the place of the TOML's.
+    robot: a TOML file; sim: a run of the simulator under the log's commands (CSV), instead of the TOML's.
     """
     described, log = toml.read_both(robot, path, sim)
     fresh, *healthy = (read_log(file, described) if file else None for file in (fresh, *healthy))

@@ -26,7 +26,7 @@ STEP = 1e-4  # of a signal's reach, by which slopes are taken
 FAR = 0.2  # of a command's reach, by which it is seen how slopes change with it
 STILL = 1e-6  # of slopes: what is less is none
 TRIED = 500  # rows, at which a simulator is asked twice
-FINER = 4  # steps in the place of one, by which it is seen whether the simulator's own are short enough
+FINER = 4  # steps instead of one, by which it is seen whether the simulator's own are short enough
 # By which share of what FINER changes shorter steps are reckoned: the error goes with the step.
 VARIANTS = (("its own steps of time", 0.0), ("steps of time half as long", 2 / 3), ("short steps of time", 4 / 3))
 CUT_VARIANTS = (VARIANTS[0], ("steps of time a quarter as long", 1.0))  # of a path that is cut: those are taken
@@ -47,7 +47,7 @@ AWAY = 1e3  # times the reach of a signal, beyond which a path has left the log
 COVERED = 2.0  # times that the longest predictions go over the log
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # of the way that a gap's states go, and of the noise of a reading: a smaller gap does not matter
 TINY = 0.05  # of its usual size: what is less may be significant, and does not matter
-CORNERS = 1.5  # likewise of a path that is cut: what still shorter steps would change at contacts looks like random motion
+CORNERS = 1.5  # the same, of a path that is cut: what still shorter steps would change at contacts looks like random motion
 LATE = 2.0  # of what noise makes of lags and delays, that they are off beside it: RMS of 44, in logs of blind/own
 STEADY = 0.02  # share that commands of one kind vary by
 

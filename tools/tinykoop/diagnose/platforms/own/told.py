@@ -1,4 +1,4 @@
-"""What a report says of a robot of one's own: effects by their formulas, and its channels over time."""
+"""What a report says of your own robot: effects by their formulas, and its channels over time."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Own(Teller):
         return said
 
     def _surrogate(self):
-        """What stood in the place of a simulator that is known by a recorded run alone."""
+        """What stood instead of a simulator that is known by a recorded run alone."""
         surrogate = self.report["surrogate"]
         worst = percent(max(surrogate["off"].values()))
         return [

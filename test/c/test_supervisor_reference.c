@@ -1,25 +1,25 @@
-/* The guard beside a second writing of all that it does, step by step, over random robots with planted
+/* The supervisor beside a second writing of all that it does, step by step, over random robots with planted
  * faults and moving limits. The second one takes the models' responses from a simulation in wide arithmetic,
- * and asks twins of the learner, the gate and the controller what the guard's own have to answer. */
-#include "tinykoop_guard.h"
+ * and asks twins of the learner, the gate and the controller what the supervisor's own have to answer. */
+#include "tinykoop_supervisor.h"
 
 #include "support.h"
 
 #include <float.h>
 
 enum { MOST_N = 9, MOST_n = 3, MOST_m = 3, MOST_H = 6, MOST_D = MOST_N + MOST_m };
-enum { MOST_PAIRS = MOST_n * MOST_m, ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD };
-enum { OFFLINE = KOOP_GUARD_OFFLINE, NONE = KOOP_GUARD_NONE, SPARE = 16, STEPS = 300 };
+enum { MOST_PAIRS = MOST_n * MOST_m, ONLINE = KOOP_SUPERVISOR_ONLINE, LAST_GOOD = KOOP_SUPERVISOR_LAST_GOOD };
+enum { OFFLINE = KOOP_SUPERVISOR_OFFLINE, NONE = KOOP_SUPERVISOR_NONE, SPARE = 16, STEPS = 300 };
 enum { THETA = MOST_D * KOOP_PAD(MOST_N) };
 enum { RATE_REALS = KOOP_MPC_REALS_RATE(MOST_m, MOST_H) };
 enum { MPC_REALS = KOOP_MPC_REALS_NEWTON(MOST_N, MOST_n, MOST_m, MOST_H) + RATE_REALS };
 enum { RLS_REALS = KOOP_RLS_REALS_PLAIN(MOST_N, MOST_m), GATE_REALS = KOOP_GATE_REALS_PLAIN(MOST_N, MOST_m) };
-enum { GUARD_REALS = KOOP_GUARD_REALS(MOST_N, MOST_n, MOST_m, MOST_H) };
+enum { SUPERVISOR_REALS = KOOP_SUPERVISOR_REALS(MOST_N, MOST_n, MOST_m, MOST_H) };
 
 static const double CLOSE = 300 * (double)REAL_EPSILON; /* what rounding can make of a comparison */
 static const double NEAR = 4000 * (double)REAL_EPSILON; /* and of a mean */
 
-/* ---- a learner and a controller, for the guard and for the second writing -------------------- */
+/* ---- a learner and a controller, for the supervisor and for the second writing -------------------- */
 
 typedef struct {
 	KOOP(rls) rls;
@@ -32,7 +32,7 @@ typedef struct {
 
 typedef struct {
 	size_t N, n, m, H;
-	KOOP(guard_config) config; /* without zeros */
+	KOOP(supervisor_config) config; /* without zeros */
 	wide weight[MOST_n];
 	real online[THETA], last_good[THETA], offline[THETA]; /* as rls.theta */
 	wide response[MOST_H * MOST_PAIRS], judged[MOST_PAIRS], size[MOST_m];
@@ -330,7 +330,7 @@ static int second_control(second *s, call *c) {
 	return status;
 }
 
-/* ---- a robot, the guard and the second writing ----------------------------------------------- */
+/* ---- a robot, the supervisor and the second writing ----------------------------------------------- */
 
 typedef struct {
 	const char *name;
@@ -350,9 +350,9 @@ typedef struct {
 	real offline[THETA], robot[THETA];
 	real psi[MOST_N], psi_next[MOST_N], u[MOST_m], reference[MOST_H * MOST_n];
 	pair own;
-	KOOP(guard_config) config;
-	KOOP(guard) guard;
-	real storage[GUARD_REALS + SPARE];
+	KOOP(supervisor_config) config;
+	KOOP(supervisor) supervisor;
+	real storage[SUPERVISOR_REALS + SPARE];
 	second second;
 	size_t used[4], step; /* steps on each model */
 } world;
@@ -363,7 +363,8 @@ static void lift(const KOOP(dictionary) *self, const real *x, real *psi) {
 	for (size_t i = 0; i < self->n_lifted; i++) { psi[i] = x[i]; }
 }
 
-/* Symmetric and positive definite, with elements beside the diagonal, which the guard does not look at. */
+/* Symmetric and positive definite, with elements beside the diagonal, which the supervisor does not look at.
+ */
 static void random_weights(real *Q, size_t n, double size) {
 	for (size_t i = 0; i < n; i++) {
 		for (size_t j = 0; j < n; j++) { Q[i * n + j] = (real)(0.1 * size); }
@@ -426,11 +427,11 @@ static void start_pair(pair *p) {
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_init)(&p->mpc, &controller, p->mpc_storage, MPC_REALS));
 }
 
-static size_t guard_reals(void) {
-	return KOOP_GUARD_REALS(w.is->N, w.is->n, w.is->m, w.is->H);
+static size_t supervisor_reals(void) {
+	return KOOP_SUPERVISOR_REALS(w.is->N, w.is->n, w.is->m, w.is->H);
 }
 
-/* One in two is left to the guard. */
+/* One in two is left to the supervisor. */
 static real random_setting(double low, double high) {
 	const real value = random_uniform(&w.random, low, high);
 	return random_below(&w.random, 2) ? value : 0;
@@ -453,8 +454,8 @@ static void put_default(real *value, double otherwise) {
 }
 
 /* As the header says. */
-static KOOP(guard_config) with_defaults(void) {
-	KOOP(guard_config) config = w.config;
+static KOOP(supervisor_config) with_defaults(void) {
+	KOOP(supervisor_config) config = w.config;
 	put_default(&config.min_cosine, 0.7);
 	put_default(&config.min_gain, 0.2);
 	put_default(&config.max_gain, 3);
@@ -464,10 +465,10 @@ static KOOP(guard_config) with_defaults(void) {
 }
 
 /* What the storage holds before does not matter; what is behind it is not read, and not written. */
-static void start_guard(void) {
-	for (size_t i = 0; i < GUARD_REALS + SPARE; i++) { w.storage[i] = (real)NAN; }
-	CHECK_STATUS(KOOP_OK,
-	             KOOP(guard_init)(&w.guard, &w.config, &w.own.mpc, w.offline, w.storage, guard_reals()));
+static void start_supervisor(void) {
+	for (size_t i = 0; i < SUPERVISOR_REALS + SPARE; i++) { w.storage[i] = (real)NAN; }
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_init)(&w.supervisor, &w.config, &w.own.mpc, w.offline, w.storage,
+	                                            supervisor_reals()));
 }
 
 static void start_second(void) {
@@ -482,7 +483,8 @@ static void start_second(void) {
 	s->model = OFFLINE;
 	s->wait = s->delay = s->config.patience;
 	learn_offline(s, w.low, w.high);
-	real zero[MOST_H * MOST_n] = {0}, u[MOST_m]; /* the guard has solved once, and forgotten that again */
+	real zero[MOST_H * MOST_n] = {0},
+	                   u[MOST_m]; /* the supervisor has solved once, and forgotten that again */
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_solve)(&s->twin.mpc, w.offline, zero, zero, zero, u, NULL));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_reset)(&s->twin.mpc));
 }
@@ -511,7 +513,7 @@ static void prepare(const setting *is, uint64_t seed) {
 static void start(void) {
 	start_pair(&w.own);
 	start_pair(&w.second.twin);
-	start_guard();
+	start_supervisor();
 	start_second();
 }
 
@@ -528,7 +530,7 @@ static void check_count(const char *what, size_t mine, size_t other) {
 }
 
 static void check_counts(void) {
-	const KOOP(guard) *g = &w.guard;
+	const KOOP(supervisor) *g = &w.supervisor;
 	const second *s = &w.second;
 	check_count("model", (size_t)g->model, (size_t)s->model);
 	check_count("have_target", g->have_target != 0, s->have_target != 0);
@@ -543,19 +545,19 @@ static void check_counts(void) {
 
 static void check_means(void) {
 	for (size_t i = 0; i < 3; i++) {
-		check_near("error", i, w.guard.error[i], w.second.error[i], w.second.error[i]);
+		check_near("error", i, w.supervisor.error[i], w.second.error[i], w.second.error[i]);
 	}
-	check_near("tracking", 0, w.guard.tracking, w.second.tracking, w.second.tracking);
-	for (size_t i = 0; w.guard.have_target && i < w.is->n; i++) {
-		check_near("target", i, w.guard.target[i], w.second.target[i], 0);
+	check_near("tracking", 0, w.supervisor.tracking, w.second.tracking, w.second.tracking);
+	for (size_t i = 0; w.supervisor.have_target && i < w.is->n; i++) {
+		check_near("target", i, w.supervisor.target[i], w.second.target[i], 0);
 	}
 }
 
 static void check_models(void) {
 	const size_t bytes = (w.is->N + w.is->m) * KOOP_PAD(w.is->N) * sizeof(real);
 	const KOOP(rls) *own = &w.own.rls, *twin = &w.second.twin.rls;
-	TEST_ASSERT_EQUAL_MEMORY(w.second.offline, w.guard.offline, bytes);
-	TEST_ASSERT_EQUAL_MEMORY(w.second.last_good, w.guard.last_good, bytes);
+	TEST_ASSERT_EQUAL_MEMORY(w.second.offline, w.supervisor.offline, bytes);
+	TEST_ASSERT_EQUAL_MEMORY(w.second.last_good, w.supervisor.last_good, bytes);
 	CHECK(memcmp(twin->theta, own->theta, own->kept * sizeof(real)) == 0, "%s, step %zu: what was learned",
 	      w.is->name, w.step);
 }
@@ -564,12 +566,12 @@ static void check_models(void) {
 static void check_responses(void) {
 	const second *s = &w.second;
 	for (size_t j = 0; j < s->m; j++) {
-		check_near("size", j, w.guard.size[j], s->size[j], s->size[j]);
+		check_near("size", j, w.supervisor.size[j], s->size[j], s->size[j]);
 		for (size_t i = 0; i < s->n; i++) {
 			const size_t p = i * s->m + j;
-			check_near("judged", p, w.guard.judged[p], s->judged[p], s->judged[p]);
+			check_near("judged", p, w.supervisor.judged[p], s->judged[p], s->judged[p]);
 			for (size_t at = p; at < s->H * s->n * s->m; at += s->n * s->m) {
-				check_near("response", at, w.guard.response[at], s->response[at], 1);
+				check_near("response", at, w.supervisor.response[at], s->response[at], 1);
 			}
 		}
 	}
@@ -577,7 +579,7 @@ static void check_responses(void) {
 
 static void check_spare(void) {
 	const real nan = (real)NAN;
-	for (size_t i = guard_reals(); i < guard_reals() + SPARE; i++) {
+	for (size_t i = supervisor_reals(); i < supervisor_reals() + SPARE; i++) {
 		CHECK(memcmp(&nan, &w.storage[i], sizeof nan) == 0, "%s: real %zu of the storage", w.is->name, i);
 	}
 }
@@ -627,23 +629,23 @@ static void flip_mean(void) {
 	static const double garbage[] = {(double)NAN, (double)INFINITY, 0, 1e6};
 	const size_t model = random_below(&w.random, 4);
 	const real value = (real)garbage[random_below(&w.random, 4)];
-	*(model < 3 ? &w.guard.error[model] : &w.guard.tracking) = value;
+	*(model < 3 ? &w.supervisor.error[model] : &w.supervisor.tracking) = value;
 	*(model < 3 ? &w.second.error[model] : &w.second.tracking) = (wide)value;
 }
 
 static void flip_count(void) {
 	const size_t value = random_below(&w.random, 3) == 0 ? 1 + random_below(&w.random, 100) : SIZE_MAX / 4;
 	const int which = (int)random_below(&w.random, 2);
-	*(which ? &w.guard.wait : &w.guard.delay) = value;
+	*(which ? &w.supervisor.wait : &w.supervisor.delay) = value;
 	*(which ? &w.second.wait : &w.second.delay) = value;
 }
 
-/* One bit of what the checksum is of, or of that itself; it is mended before anything is planned. */
+/* One bit of what the checksum is of, or of that itself; it is repaired before anything is planned. */
 static void flip_models(void) {
-	const size_t summed = (size_t)(w.guard.now - w.guard.offline) * sizeof(real);
-	const size_t at = random_below(&w.random, summed + sizeof w.guard.sum);
-	unsigned char *bytes = at < summed ? (unsigned char *)w.guard.offline + at
-	                                   : (unsigned char *)&w.guard.sum + (at - summed);
+	const size_t summed = (size_t)(w.supervisor.now - w.supervisor.offline) * sizeof(real);
+	const size_t at = random_below(&w.random, summed + sizeof w.supervisor.sum);
+	unsigned char *bytes = at < summed ? (unsigned char *)w.supervisor.offline + at
+	                                   : (unsigned char *)&w.supervisor.sum + (at - summed);
 	*bytes ^= (unsigned char)(1 << random_below(&w.random, 8));
 }
 
@@ -702,14 +704,14 @@ static int same_result(const KOOP(mpc_result) *a, const KOOP(mpc_result) *b) {
 
 static void control(const real *psi) {
 	call mine = {psi, w.reference, w.u, {0}, {7, 7}}, other = mine;
-	const int status = KOOP(guard_control)(&w.guard, &w.own.rls, &w.own.mpc, psi, w.reference, w.u, mine.u,
-	                                       &mine.result);
+	const int status = KOOP(supervisor_control)(&w.supervisor, &w.own.rls, &w.own.mpc, psi, w.reference, w.u,
+	                                            mine.u, &mine.result);
 	CHECK_STATUS(second_control(&w.second, &other), status);
 	if (w.second.unsure) { return; }
 	CHECK(memcmp(mine.u, other.u, sizeof mine.u) == 0, "%s, step %zu: input", w.is->name, w.step);
 	CHECK(same_result(&mine.result, &other.result), "%s, step %zu: result", w.is->name, w.step);
 	memcpy(w.u, mine.u, sizeof w.u);
-	w.used[w.guard.model]++;
+	w.used[w.supervisor.model]++;
 	check_all();
 }
 
@@ -740,14 +742,14 @@ static void move_robot(void) {
 
 static int same_health(const KOOP(health) *a, const KOOP(health) *b) {
 	const int flags =
-	    a->positive_definite == b->positive_definite && a->finite == b->finite && a->gated == b->gated;
+	    a->positive_definite == b->positive_definite && a->finite == b->finite && a->frozen == b->frozen;
 	return flags && memcmp(&a->innovation, &b->innovation, sizeof a->innovation) == 0 &&
 	       memcmp(&a->trace, &b->trace, sizeof a->trace) == 0;
 }
 
 static void update(const real *psi_next) {
 	KOOP(health) mine, other;
-	const int status = KOOP(guard_update)(&w.guard, &w.own.rls, w.psi, w.u, psi_next, &mine);
+	const int status = KOOP(supervisor_update)(&w.supervisor, &w.own.rls, w.psi, w.u, psi_next, &mine);
 	CHECK_STATUS(second_update(&w.second, w.psi, w.u, psi_next, &other), status);
 	if (w.second.unsure) { return; }
 	CHECK(same_health(&mine, &other), "%s, step %zu: health", w.is->name, w.step);
@@ -803,11 +805,11 @@ static const setting settings[] = {
 
 enum { SETTINGS = sizeof settings / sizeof *settings, SEEDS = 10 / TEST_SHARE + (TEST_SHARE > 10) };
 
-static void test_guard_does_what_its_second_writing_says(void) {
+static void test_supervisor_does_what_its_second_writing_says(void) {
 	size_t steps = 0, resets = 0, used[4] = {0};
 	for (size_t i = 0; i < (size_t)SETTINGS * SEEDS; i++) {
 		steps += run(&settings[i % SETTINGS], 1 + i, STEPS);
-		resets += w.guard.resets;
+		resets += w.supervisor.resets;
 		for (size_t model = 0; model < 4; model++) { used[model] += w.used[model]; }
 	}
 	const size_t runs = (size_t)SETTINGS * SEEDS; /* and not all of it on the offline model */
@@ -832,7 +834,7 @@ static void mix_inputs(void) {
 
 static size_t judged_pairs(void) {
 	size_t count = 0;
-	for (size_t p = 0; p < w.is->n * w.is->m; p++) { count += w.guard.judged[p] > 0; }
+	for (size_t p = 0; p < w.is->n * w.is->m; p++) { count += w.supervisor.judged[p] > 0; }
 	return count;
 }
 
@@ -862,7 +864,7 @@ static void test_parts_of_the_storage_lie_end_to_end(void) {
 	for (size_t i = 0; i < (size_t)SETTINGS; i++) {
 		prepare(&settings[i], 1);
 		start();
-		const KOOP(guard) *g = &w.guard;
+		const KOOP(supervisor) *g = &w.supervisor;
 		const size_t theta = (w.is->N + w.is->m) * KOOP_PAD(w.is->N), pairs = w.is->n * w.is->m;
 		const part parts[] = {{g->offline, theta},  {g->last_good, theta}, {g->response, w.is->H * pairs},
 		                      {g->judged, pairs},   {g->size, w.is->m},    {g->now, pairs},
@@ -872,7 +874,7 @@ static void test_parts_of_the_storage_lie_end_to_end(void) {
 			CHECK(parts[k].from == at, "%s: part %zu", w.is->name, k);
 			at += parts[k].count;
 		}
-		TEST_ASSERT_TRUE(at == w.storage + guard_reals());
+		TEST_ASSERT_TRUE(at == w.storage + supervisor_reals());
 	}
 }
 
@@ -892,11 +894,11 @@ static void test_call_without_an_argument_changes_nothing(void) {
 	prepare(&settings[3], 5);
 	memcpy(w.robot, w.offline, sizeof w.robot);
 	start();
-	while (w.step < 200 && w.guard.trusted < 3) { plain_step(); }
+	while (w.step < 200 && w.supervisor.trusted < 3) { plain_step(); }
 	static world before;
 	before = w;
-	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_control)(&w.guard, &w.own.rls, &w.own.mpc, w.psi, w.reference, NULL,
-	                                              w.u, NULL));
+	CHECK_STATUS(KOOP_E_NULL, KOOP(supervisor_control)(&w.supervisor, &w.own.rls, &w.own.mpc, w.psi,
+	                                                   w.reference, NULL, w.u, NULL));
 	TEST_ASSERT_EQUAL_MEMORY(&before, &w, sizeof before);
 }
 
@@ -906,13 +908,13 @@ static void test_learner_in_use_that_is_not_finite_is_started_again(void) {
 	prepare(&settings[4], 3);
 	memcpy(w.robot, w.offline, sizeof w.robot);
 	start();
-	while (w.step < 200 && w.guard.trusted < 3) { plain_step(); }
-	TEST_ASSERT_EQUAL_INT(ONLINE, w.guard.model);
+	while (w.step < 200 && w.supervisor.trusted < 3) { plain_step(); }
+	TEST_ASSERT_EQUAL_INT(ONLINE, w.supervisor.model);
 	spoil(1, 1, (double)NAN);
 	for (size_t k = 0; k < w.config.patience; k++) { update(w.psi); }
 	TEST_ASSERT_TRUE(is_whole(&w.second, w.own.rls.theta));
 	update(w.psi);
-	TEST_ASSERT_EQUAL_size_t(0, w.guard.failed);
+	TEST_ASSERT_EQUAL_size_t(0, w.supervisor.failed);
 }
 
 /* Nor with a last good model that was taken from it. */
@@ -920,24 +922,25 @@ static void test_learner_is_not_started_again_from_what_is_not_finite(void) {
 	prepare(&settings[4], 3);
 	change_robot(0.7, 0.8);
 	start();
-	while (w.step < 200 && (w.guard.trusted < 3 || 2 * w.guard.error[ONLINE] > w.guard.error[OFFLINE])) {
+	while (w.step < 200 &&
+	       (w.supervisor.trusted < 3 || 2 * w.supervisor.error[ONLINE] > w.supervisor.error[OFFLINE])) {
 		plain_step();
 	}
 	spoil(1, 1, (double)NAN);
-	for (size_t k = 0; k < 200 && !isnan(w.guard.last_good[1]); k++) { control(w.psi); }
+	for (size_t k = 0; k < 200 && !isnan(w.supervisor.last_good[1]); k++) { control(w.psi); }
 	spoil(0, 1, (double)NAN);
 	control(w.psi);
-	TEST_ASSERT_EQUAL_INT(LAST_GOOD, w.guard.model);
-	TEST_ASSERT_TRUE(isnan(w.guard.last_good[1]));
-	const size_t before = w.guard.resets;
+	TEST_ASSERT_EQUAL_INT(LAST_GOOD, w.supervisor.model);
+	TEST_ASSERT_TRUE(isnan(w.supervisor.last_good[1]));
+	const size_t before = w.supervisor.resets;
 	for (size_t k = 0; k < w.config.patience; k++) { update(w.psi); }
-	TEST_ASSERT_EQUAL_size_t(before + 1, w.guard.resets);
+	TEST_ASSERT_EQUAL_size_t(before + 1, w.supervisor.resets);
 	TEST_ASSERT_EQUAL_MEMORY(w.offline, w.own.rls.theta, (w.is->N + w.is->m) * KOOP_PAD(w.is->N) * sizeof(real));
 }
 
 int main(void) {
 	UNITY_BEGIN();
-	RUN_TEST(test_guard_does_what_its_second_writing_says);
+	RUN_TEST(test_supervisor_does_what_its_second_writing_says);
 	RUN_TEST(test_pairs_are_judged_that_act_above_all);
 	RUN_TEST(test_parts_of_the_storage_lie_end_to_end);
 	RUN_TEST(test_call_without_an_argument_changes_nothing);

@@ -1,5 +1,5 @@
-/* The guard in float32: compile this file beside koopf.c and include tinykoop_guard.h. */
-#include "tinykoop_guard.h"
+/* The supervisor in float32: compile this file beside koopf.c and include tinykoop_supervisor.h. */
+#include "tinykoop_supervisor.h"
 
 #include <math.h>
 
@@ -9,4 +9,4 @@
 #define MATH(function) function##f
 #define KOOP(name) koopf_##name
 
-#include "src/guard.c"
+#include "src/supervisor.c"

@@ -1,5 +1,5 @@
-/* The guard in float64: compile this file beside koopd.c and include tinykoop_guard.h. */
-#include "tinykoop_guard.h"
+/* The supervisor in float64: compile this file beside koopd.c and include tinykoop_supervisor.h. */
+#include "tinykoop_supervisor.h"
 
 #include <math.h>
 
@@ -9,4 +9,4 @@
 #define MATH(function) function
 #define KOOP(name) koopd_##name
 
-#include "src/guard.c"
+#include "src/supervisor.c"

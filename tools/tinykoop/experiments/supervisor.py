@@ -1,7 +1,7 @@
-"""Randomised closed-loop runs under the guard and without it.
+"""Randomised closed-loop runs under the supervisor and without it.
 
 Every run draws a reference, a start, a schedule of phases, a form of P and what the learner knows at the start;
-dictionary, regulator and precision take turns. The guard works with its defaults and with an offline model fitted on
+dictionary, regulator and precision take turns. The supervisor works with its defaults and with an offline model fitted on
 drives of the nominal robot. A run is lost where its mean error (m, rad, over the full state, as in `control`) is
 above 0.15.
 
@@ -21,7 +21,7 @@ from ..plumbing.results import number, output_folder, print_table, progress, rep
 from . import control, scenario
 
 RUNS = 200
-SEED = 20000  # the defaults of the guard were chosen on seeds below 10000
+SEED = 20000  # the defaults of the supervisor were chosen on seeds below 10000
 STEPS = 2000
 LOST = 0.15
 MPC = bridge.Mpc()
@@ -41,7 +41,7 @@ TURN = 0.7  # rad/s, of references
 def theta_of_many_drives(dictionary, drives=12, steps=2500, heading=0.85):
     """Offline model from drives of the nominal robot at many headings and speeds, each with its mirror image.
 
-    scenario.offline_theta() has seen one drive, within 0.38 rad: there theta and sin(theta) cannot be told apart, and
+    scenario.offline_theta() has seen one drive, within 0.38 rad: there theta and sin(theta) cannot be distinguished, and
     what it makes of them does not hold elsewhere.
     """
     random = np.random.default_rng(5)
@@ -138,7 +138,7 @@ def draw(number, seed):
 
 
 def drive(run, model, **settings):
-    """Trace of one run: model is guarded, unguarded or offline (the offline model by itself)."""
+    """Trace of one run: `model` is supervised, without_supervisor, or offline (the offline model alone)."""
     theta = theta_of_many_drives(run["dictionary"])
     if model == "offline":
         estimator = bridge.Estimator(f"{run['dictionary']}_ddr", "none", run["precision"])
@@ -147,19 +147,19 @@ def drive(run, model, **settings):
         estimator = start(run["dictionary"], run["regulator"], run["precision"], run["form"], run["start"])
     trace = estimator.control(
         MPC, run["reference"], scenario.DT, STEPS, run["x0"], run["effects"], learn=model != "offline",
-        guard=bridge.Guard(theta, **settings) if model == "guarded" else None,
+        supervisor=bridge.Supervisor(theta, **settings) if model == "supervised" else None,
     )  # fmt: skip
     trace["error"] = np.linalg.norm(trace["x"][1:] - run["reference"][1 : STEPS + 1], axis=1)
     return trace
 
 
 def score(job):
-    """One row of guard.json."""
+    """One row of supervisor.json."""
     number, seed = job
     run = draw(number, seed)
     row = {key: run[key] for key in ("dictionary", "regulator", "kind", "start", "form")}
     row |= {"run": number, "seed": seed, "precision": f"f{run['precision']}", "steps": STEPS}
-    for model in ("offline", "unguarded", "guarded"):
+    for model in ("offline", "without_supervisor", "supervised"):
         trace = drive(run, model)
         row[f"mean_error_{model}"] = float(trace["error"].mean())
     row |= {f"share_{name.replace(' ', '_')}": float(np.mean(trace["model"] == i)) for i, name in enumerate(bridge.MODELS)}
@@ -168,17 +168,17 @@ def score(job):
     return row
 
 
-# ---- where the unguarded method works -----------------------------------------------------------
+# ---- where the method works without the supervisor ----------------------------------------------
 
 
 def price(method):
-    """Mean errors of one row of `make control`, unguarded and guarded."""
+    """Mean errors of one row of `make control`, with and without the supervisor."""
     dictionary, regulator = method
     row = {"dictionary": dictionary, "regulator": regulator}
     path = control.reference_path()
-    for name, guard in (("unguarded", None), ("guarded", bridge.Guard(theta_of_many_drives(dictionary)))):
+    for name, supervisor in (("without_supervisor", None), ("supervised", bridge.Supervisor(theta_of_many_drives(dictionary)))):
         estimator = start(dictionary, regulator, 64, "plain", "carried over")
-        trace = estimator.control(MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard)
+        trace = estimator.control(MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), supervisor=supervisor)
         row[f"mean_error_{name}"] = float(np.linalg.norm(trace["x"][1:] - path[1 : STEPS + 1], axis=1).mean())
         row[f"solve_us_{name}"] = float(np.median(trace["solve_us"]))
     row["share_online"] = float(np.mean(trace["model"] == 0))
@@ -189,17 +189,17 @@ def price(method):
 
 
 def run(out, update=False, runs=RUNS, seed=SEED):
-    """Writes guard.json and its plots into `out`, and with `update` the table of docs/control.md; returns the rows."""
+    """Writes supervisor.json and its plots into `out`, and with `update` the table of docs/control.md; returns the rows."""
     out = output_folder(out)
     with ProcessPoolExecutor() as pool:
-        rows = list(progress(_counted(pool.map(score, [(i, seed) for i in range(runs)]), runs), "guard"))
-        prices = list(progress(_counted(pool.map(price, WORKS), len(WORKS)), "guard, price"))
-    with replacing(out / "guard.json", {"campaign": rows, "price": prices}):
+        rows = list(progress(_counted(pool.map(score, [(i, seed) for i in range(runs)]), runs), "supervisor"))
+        prices = list(progress(_counted(pool.map(price, WORKS), len(WORKS)), "supervisor, price"))
+    with replacing(out / "supervisor.json", {"campaign": rows, "price": prices}):
         draw_campaign(out, rows)
         draw_timeline(out)
     report(rows, prices)
     if update:
-        pages.update("docs/control.md", "guard", page(rows, prices))
+        pages.update("docs/control.md", "supervisor", page(rows, prices))
     return rows, prices
 
 
@@ -224,16 +224,16 @@ def _errors(rows, model):
 
 def page(rows, prices):
     """The table of docs/control.md."""
-    lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("unguarded", "guarded")}
-    price = max(row["mean_error_guarded"] / row["mean_error_unguarded"] for row in prices)
+    lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("without_supervisor", "supervised")}
+    price = max(row["mean_error_supervised"] / row["mean_error_without_supervisor"] for row in prices)
     pairs = [
         ("runs: starts, phases, paths, both dictionaries, six regulators, both precisions", len(rows)),
-        (f"lost without the guard (mean error above {LOST:g})", lost["unguarded"]),
-        ("lost with the guard", lost["guarded"]),
-        ("largest mean error with the guard (m, rad)", number(float(_errors(rows, "guarded").max()), 2)),
-        ("largest error with the guard over that without, where the method works by itself", f"{price:.3f}"),
+        (f"lost without the supervisor (mean error above {LOST:g})", lost["without_supervisor"]),
+        ("lost with the supervisor", lost["supervised"]),
+        ("largest mean error with the supervisor (m, rad)", number(float(_errors(rows, "supervised").max()), 2)),
+        ("largest error with the supervisor over that without, where the method works by itself", f"{price:.3f}"),
     ]
-    return pages.facts("`make guard`", pairs)
+    return pages.facts("`make supervisor`", pairs)
 
 
 def report(rows, prices):
@@ -246,21 +246,21 @@ def report(rows, prices):
         some = [row for row in rows if all(row[key] == value for key, value in wanted.items())]
         if some:
             cells = []
-            for model in ("unguarded", "offline", "guarded"):
+            for model in ("without_supervisor", "offline", "supervised"):
                 error = _errors(some, model)
                 cells += [int(np.sum(error > LOST)), number(float(np.median(error)))]
-            lines.append([label, len(some), *cells, number(float(_errors(some, "guarded").max())),
+            lines.append([label, len(some), *cells, number(float(_errors(some, "supervised").max())),
                           f"{100 * np.mean([row['share_online'] for row in some]):.0f}"])  # fmt: skip
     print_table(
         f"Randomised closed-loop runs: lost (mean error above {LOST}) and median error",
-        ["runs", "count", "unguarded", "median", "offline", "median", "guarded", "median", "worst", "online %"],
+        ["runs", "count", "without", "median", "offline", "median", "with", "median", "worst", "online %"],
         lines,
     )
     print_table(
-        "What the guard costs where the method works without it (`make control`, float64)",
-        ["method", "unguarded", "guarded", "ratio", "online %"],
-        [[scenario.Method(row["dictionary"], row["regulator"]).label, number(row["mean_error_unguarded"]),
-          number(row["mean_error_guarded"]), f"{row['mean_error_guarded'] / row['mean_error_unguarded']:.3f}",
+        "What the supervisor costs where the method works without it (`make control`, float64)",
+        ["method", "without", "with", "ratio", "online %"],
+        [[scenario.Method(row["dictionary"], row["regulator"]).label, number(row["mean_error_without_supervisor"]),
+          number(row["mean_error_supervised"]), f"{row['mean_error_supervised'] / row['mean_error_without_supervisor']:.3f}",
           f"{100 * row['share_online']:.1f}"] for row in prices],
     )  # fmt: skip
 
@@ -271,13 +271,13 @@ def report(rows, prices):
 def draw_campaign(out, rows):
     """Mean error of every run, in order of size."""
     figure, ax = plots.subplots(figsize=(8, 4))
-    lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("unguarded", "guarded")}
+    lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("without_supervisor", "supervised")}
     ax.set_title(
-        f"Of {len(rows)} random runs {lost['unguarded']} are lost without the guard, {lost['guarded']} with it"
+        f"Of {len(rows)} random runs {lost['without_supervisor']} are lost without the supervisor, {lost['supervised']} with it"
     )
-    styles = {"unguarded": dict(color="#d62728", marker="x"), "offline": dict(color="#999999", marker="."),
-              "guarded": dict(color="#08306b", marker="o", mfc="none")}  # fmt: skip
-    labels = {"unguarded": "online model, no guard", "offline": "offline model by itself", "guarded": "guarded"}
+    styles = {"without_supervisor": dict(color="#d62728", marker="x"), "offline": dict(color="#999999", marker="."),
+              "supervised": dict(color="#08306b", marker="o", mfc="none")}  # fmt: skip
+    labels = {"without_supervisor": "online model, no supervisor", "offline": "offline model alone", "supervised": "with supervisor"}
     for model, style in styles.items():
         error = np.sort(np.minimum(_errors(rows, model), 1e3))
         ax.semilogy(np.arange(1, len(rows) + 1), error, ls="", ms=4, label=labels[model], **style)
@@ -286,30 +286,30 @@ def draw_campaign(out, rows):
     ax.set_xlabel("run, each curve in order of its error")
     ax.set_ylabel("mean error (m, rad)")
     ax.legend()
-    plots.save(figure, out / "guard_campaign.png")
+    plots.save(figure, out / "supervisor_campaign.png")
 
 
 def draw_timeline(out):
     """Vanilla RBF on the path of `make control`: model in use, error, innovation."""
     path = control.reference_path()
     traces = {}
-    for name, guard in (("no guard", None), ("guarded", bridge.Guard(theta_of_many_drives("rbf")))):
+    for name, supervisor in (("no supervisor", None), ("supervised", bridge.Supervisor(theta_of_many_drives("rbf")))):
         estimator = start("rbf", "ef", 64, "plain", "carried over")
         traces[name] = estimator.control(
-            MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), guard=guard
+            MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), supervisor=supervisor
         )
     t = np.arange(STEPS) * scenario.DT
     figure, axes = plots.subplots(3, 1, figsize=(9, 6), sharex=True, height_ratios=(1.2, 2, 2))
-    model = traces["guarded"]["model"]
-    mean = np.linalg.norm(traces["guarded"]["x"][1:] - path[1 : STEPS + 1], axis=1).mean()
+    model = traces["supervised"]["model"]
+    mean = np.linalg.norm(traces["supervised"]["x"][1:] - path[1 : STEPS + 1], axis=1).mean()
     figure.suptitle(
-        f"Vanilla RBF, ruined before the start: the guard keeps to the path (mean error {mean:.3f})", x=0.01, ha="left"
+        f"Vanilla RBF, ruined before the start: the supervisor keeps to the path (mean error {mean:.3f})", x=0.01, ha="left"
     )
     axes[0].step(t, model, where="post", color="#08306b", lw=1)
     axes[0].set_yticks(range(3), bridge.MODELS[:3])
     axes[0].set_ylim(3.9, -0.4)
     axes[0].set_ylabel("model in use")
-    resets = np.flatnonzero(np.diff(traces["guarded"]["resets"], prepend=0))
+    resets = np.flatnonzero(np.diff(traces["supervised"]["resets"], prepend=0))
     axes[0].plot(t[resets], np.full(len(resets), 3), "k^", ms=4, label="learner started again")
     axes[0].legend(loc="lower center")
     for (name, trace), style in zip(traces.items(), (plots.STYLES["ef"], plots.STYLES["dz_cs"])):
@@ -322,4 +322,4 @@ def draw_timeline(out):
     axes[2].set_xlabel("time (s)")
     for i, ax in enumerate(axes):
         scenario.mark_phases(ax, STEPS, names=i == 0)
-    plots.save(figure, out / "guard_timeline.png")
+    plots.save(figure, out / "supervisor_timeline.png")

@@ -1,20 +1,27 @@
-/* The guard exactly at its bounds and a last place beside them, in numbers that no rounding touches; and what
- * is refused, which leaves everything as it was. */
-#include "tinykoop_guard.h"
+/* The supervisor exactly at its bounds and a last place beside them, in numbers that no rounding touches; and
+ * what is refused, which leaves everything as it was. */
+#include "tinykoop_supervisor.h"
 
 #include "support.h"
 
 enum { N = 2, M = 2, MOST_H = 2, PADDED = KOOP_PAD(N), THETA = (N + M) * PADDED };
-enum { ONLINE = KOOP_GUARD_ONLINE, LAST_GOOD = KOOP_GUARD_LAST_GOOD, OFFLINE = KOOP_GUARD_OFFLINE };
-enum { GUARD_REALS = KOOP_GUARD_REALS(N, N, M, MOST_H), MPC_REALS = KOOP_MPC_REALS_NEWTON(N, N, M, MOST_H) };
+enum {
+	ONLINE = KOOP_SUPERVISOR_ONLINE,
+	LAST_GOOD = KOOP_SUPERVISOR_LAST_GOOD,
+	OFFLINE = KOOP_SUPERVISOR_OFFLINE
+};
+enum {
+	SUPERVISOR_REALS = KOOP_SUPERVISOR_REALS(N, N, M, MOST_H),
+	MPC_REALS = KOOP_MPC_REALS_NEWTON(N, N, M, MOST_H)
+};
 
 /* Offline, x = u at the next step: each input answers for one state. */
 typedef struct {
 	estimator learner;
 	KOOP(mpc) mpc;
-	KOOP(guard) guard;
+	KOOP(supervisor) supervisor;
 	real low[M], high[M], safe[M], Q[N * N], R[M * M];
-	real offline[THETA], mpc_storage[MPC_REALS], storage[GUARD_REALS];
+	real offline[THETA], mpc_storage[MPC_REALS], storage[SUPERVISOR_REALS];
 	KOOP(mpc_result) result;
 } robot;
 
@@ -63,20 +70,21 @@ static void prepare(void) {
 }
 
 /* The online model, which is as the offline one, may be tried at once. */
-static void start(size_t horizon, double tolerance, const KOOP(guard_config) *config) {
+static void start(size_t horizon, double tolerance, const KOOP(supervisor_config) *config) {
 	prepare();
 	start_controller(horizon, tolerance);
-	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&r.guard, config, &r.mpc, r.offline, r.storage, GUARD_REALS));
-	r.guard.wait = 0;
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_init)(&r.supervisor, config, &r.mpc, r.offline, r.storage,
+	                                            SUPERVISOR_REALS));
+	r.supervisor.wait = 0;
 }
 
 /* Which model a step from x is planned on. */
 static int model_at(const real *x) {
 	static const real reference[MOST_H * N] = {0};
 	real u[M];
-	CHECK_STATUS(KOOP_OK,
-	             KOOP(guard_control)(&r.guard, &r.learner.rls, &r.mpc, x, reference, NULL, u, &r.result));
-	return r.guard.model;
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_control)(&r.supervisor, &r.learner.rls, &r.mpc, x, reference, NULL,
+	                                               u, &r.result));
+	return r.supervisor.model;
 }
 
 static int model_at_rest(void) {
@@ -89,7 +97,7 @@ static int model_at_rest(void) {
 /* What the first input does to the first and to the second state. */
 static int model_with_gains(double max_gain, real own, real other) {
 	const real theta[N * (N + M)] = {0, 0, own, 0, 0, 0, other, 1};
-	start(1, 0, &(KOOP(guard_config)){.min_gain = (real)0.5, .max_gain = (real)max_gain});
+	start(1, 0, &(KOOP(supervisor_config)){.min_gain = (real)0.5, .max_gain = (real)max_gain});
 	teach(theta);
 	return model_at_rest();
 }
@@ -110,7 +118,7 @@ static void test_response_of_all_states_may_be_as_large_as_set(void) {
 /* Over two steps (1, 0) offline, (4, 3) online: the cosine is 0.8. */
 static int model_with_cosine(real least) {
 	const real theta[N * (N + M)] = {(real)0.75, 0, 4, 0, 0, 0, 0, 1};
-	start(2, 0, &(KOOP(guard_config)){.min_cosine = least, .max_gain = 8});
+	start(2, 0, &(KOOP(supervisor_config)){.min_cosine = least, .max_gain = 8});
 	teach(theta);
 	return model_at_rest();
 }
@@ -129,16 +137,17 @@ static void test_offline_model_may_answer_as_strongly_as_numbers_allow(void) {
 	}
 	r.offline[N * PADDED + 1] = (real)sqrt(0.7 * (double)REAL_MAX);
 	start_controller(1, 0);
-	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&r.guard, NULL, &r.mpc, r.offline, r.storage, GUARD_REALS));
-	TEST_ASSERT_TRUE(r.guard.size[0] > REAL_MAX / 2);
+	CHECK_STATUS(KOOP_OK,
+	             KOOP(supervisor_init)(&r.supervisor, NULL, &r.mpc, r.offline, r.storage, SUPERVISOR_REALS));
+	TEST_ASSERT_TRUE(r.supervisor.size[0] > REAL_MAX / 2);
 }
 
 /* ---- what a model predicts, and where the robot is */
 
 static int model_with_error(real online) {
-	start(1, 0, &(KOOP(guard_config)){.max_error_ratio = 4});
-	r.guard.error[ONLINE] = online;
-	r.guard.error[OFFLINE] = 1;
+	start(1, 0, &(KOOP(supervisor_config)){.max_error_ratio = 4});
+	r.supervisor.error[ONLINE] = online;
+	r.supervisor.error[OFFLINE] = 1;
 	return model_at_rest();
 }
 
@@ -149,9 +158,9 @@ static void test_error_may_be_as_large_as_set(void) {
 
 static int model_away(real distance) {
 	const real x[N] = {distance, 0};
-	start(1, 0, &(KOOP(guard_config)){.max_tracking_ratio = 4});
-	r.guard.have_target = 1;
-	r.guard.tracking = 1;
+	start(1, 0, &(KOOP(supervisor_config)){.max_tracking_ratio = 4});
+	r.supervisor.have_target = 1;
+	r.supervisor.tracking = 1;
 	return model_at(x);
 }
 
@@ -162,12 +171,12 @@ static void test_robot_may_be_as_far_off_as_set(void) {
 
 /* After four steps of trust with a patience of 1, the step after them. */
 static int model_instead(real last_good, real offline) {
-	start(1, 0, &(KOOP(guard_config)){.patience = 1});
+	start(1, 0, &(KOOP(supervisor_config)){.patience = 1});
 	for (int k = 0; k < 4; k++) { TEST_ASSERT_EQUAL_INT(ONLINE, model_at_rest()); }
-	TEST_ASSERT_TRUE(r.guard.have_last_good);
-	r.guard.wait = 9;
-	r.guard.error[LAST_GOOD] = last_good;
-	r.guard.error[OFFLINE] = offline;
+	TEST_ASSERT_TRUE(r.supervisor.have_last_good);
+	r.supervisor.wait = 9;
+	r.supervisor.error[LAST_GOOD] = last_good;
+	r.supervisor.error[OFFLINE] = offline;
 	return model_at_rest();
 }
 
@@ -192,9 +201,10 @@ static int model_with_residual(real part, real second) {
 	r.low[1] = 0;
 	r.high[1] = second;
 	start_controller(1, 0.25);
-	const KOOP(guard_config) config = {.max_residual = part};
-	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&r.guard, &config, &r.mpc, r.offline, r.storage, GUARD_REALS));
-	r.guard.wait = 0;
+	const KOOP(supervisor_config) config = {.max_residual = part};
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_init)(&r.supervisor, &config, &r.mpc, r.offline, r.storage,
+	                                            SUPERVISOR_REALS));
+	r.supervisor.wait = 0;
 	return model_at(away);
 }
 
@@ -221,55 +231,57 @@ static void test_range_that_the_solver_hardly_sees_is_none(void) {
 static void test_each_setting_is_checked(void) {
 	static const double bad[] = {(double)NAN, (double)INFINITY, -1};
 	start(1, 0, NULL);
-	const KOOP(guard) before = r.guard;
+	const KOOP(supervisor) before = r.supervisor;
 	for (size_t i = 0; i < 6; i++) {
 		for (size_t k = 0; k < sizeof bad / sizeof *bad; k++) {
-			KOOP(guard_config) config = {0};
+			KOOP(supervisor_config) config = {0};
 			real *const values[] = {&config.min_cosine,   &config.min_gain,
 			                        &config.max_gain,     &config.max_error_ratio,
 			                        &config.max_residual, &config.max_tracking_ratio};
 			*values[i] = (real)bad[k];
-			CHECK_STATUS(KOOP_E_RANGE,
-			             KOOP(guard_init)(&r.guard, &config, &r.mpc, r.offline, r.storage, GUARD_REALS));
-			TEST_ASSERT_EQUAL_MEMORY(&before, &r.guard, sizeof before);
+			CHECK_STATUS(KOOP_E_RANGE, KOOP(supervisor_init)(&r.supervisor, &config, &r.mpc, r.offline,
+			                                                 r.storage, SUPERVISOR_REALS));
+			TEST_ASSERT_EQUAL_MEMORY(&before, &r.supervisor, sizeof before);
 		}
 	}
 }
 
 static void test_each_setting_is_taken(void) {
-	static const KOOP(guard_config) mine = {(real)0.5, (real)0.25, 7, 11, (real)0.125, 13, 17, 19, NULL};
+	static const KOOP(supervisor_config) mine = {(real)0.5, (real)0.25, 7, 11, (real)0.125, 13, 17, 19, NULL};
 	start(1, 0, &mine);
-	TEST_ASSERT_EQUAL_MEMORY(&mine, &r.guard.config, sizeof mine);
+	TEST_ASSERT_EQUAL_MEMORY(&mine, &r.supervisor.config, sizeof mine);
 }
 
 /* A controller that was refused itself, and storage that is too small by one. */
-static void test_guard_that_is_refused_is_left_alone(void) {
-	const size_t reals = KOOP_GUARD_REALS(N, N, M, 1);
+static void test_supervisor_that_is_refused_is_left_alone(void) {
+	const size_t reals = KOOP_SUPERVISOR_REALS(N, N, M, 1);
 	start(1, 0, NULL);
 	const robot before = r;
-	CHECK_STATUS(KOOP_E_STORAGE, KOOP(guard_init)(&r.guard, NULL, &r.mpc, r.offline, r.storage, reals - 1));
+	CHECK_STATUS(KOOP_E_STORAGE,
+	             KOOP(supervisor_init)(&r.supervisor, NULL, &r.mpc, r.offline, r.storage, reals - 1));
 	r.mpc.plan = NULL;
-	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_init)(&r.guard, NULL, &r.mpc, r.offline, r.storage, reals));
-	TEST_ASSERT_EQUAL_MEMORY(&before.guard, &r.guard, sizeof r.guard);
+	CHECK_STATUS(KOOP_E_NULL,
+	             KOOP(supervisor_init)(&r.supervisor, NULL, &r.mpc, r.offline, r.storage, reals));
+	TEST_ASSERT_EQUAL_MEMORY(&before.supervisor, &r.supervisor, sizeof r.supervisor);
 	TEST_ASSERT_EQUAL_MEMORY(before.storage, r.storage, sizeof r.storage);
 }
 
-/* Neither the guard nor the health is touched by a gate of a learner of another size, or of none. */
+/* Neither the supervisor nor the health is touched by a gate of a learner of another size, or of none. */
 static void test_gate_that_does_not_fit_changes_nothing(void) {
 	static KOOP(gate) gate;
 	static estimator other;
 	enum { REALS = KOOP_GATE_REALS_PLAIN(3, 1) };
 	static real gate_storage[REALS];
 	const real x[N] = {1, 2}, u[M] = {1, 1};
-	KOOP(health) health = {.innovation = 77, .trace = 78, .gated = 79}, kept = health;
-	start(1, 0, &(KOOP(guard_config)){.gate = &gate});
+	KOOP(health) health = {.innovation = 77, .trace = 78, .frozen = 79}, kept = health;
+	start(1, 0, &(KOOP(supervisor_config)){.gate = &gate});
 	estimator_default(&other, 3, 1, &KOOP(reg_ef), &KOOP(form_plain));
 	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &other.rls, gate_storage, REALS));
-	const KOOP(guard) before = r.guard;
-	CHECK_STATUS(KOOP_E_SIZE, KOOP(guard_update)(&r.guard, &r.learner.rls, x, u, x, &health));
+	const KOOP(supervisor) before = r.supervisor;
+	CHECK_STATUS(KOOP_E_SIZE, KOOP(supervisor_update)(&r.supervisor, &r.learner.rls, x, u, x, &health));
 	memset(&gate, 0, sizeof gate);
-	CHECK_STATUS(KOOP_E_NULL, KOOP(guard_update)(&r.guard, &r.learner.rls, x, u, x, &health));
-	TEST_ASSERT_EQUAL_MEMORY(&before, &r.guard, sizeof before);
+	CHECK_STATUS(KOOP_E_NULL, KOOP(supervisor_update)(&r.supervisor, &r.learner.rls, x, u, x, &health));
+	TEST_ASSERT_EQUAL_MEMORY(&before, &r.supervisor, sizeof before);
 	TEST_ASSERT_EQUAL_MEMORY(&kept, &health, sizeof kept);
 }
 
@@ -283,16 +295,17 @@ static void test_learner_beyond_mending_is_started_again(void) {
 	r.learner.config.checksum = 1;
 	estimator_start(&r.learner);
 	start_controller(1, 0);
-	const KOOP(guard_config) config = {.patience = 3};
-	CHECK_STATUS(KOOP_OK, KOOP(guard_init)(&r.guard, &config, &r.mpc, r.offline, r.storage, GUARD_REALS));
+	const KOOP(supervisor_config) config = {.patience = 3};
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_init)(&r.supervisor, &config, &r.mpc, r.offline, r.storage,
+	                                            SUPERVISOR_REALS));
 	r.learner.rls.theta[0] += 1;
 	r.learner.rls.theta[PADDED] += 3;
 	for (size_t k = 1; k <= 3; k++) {
-		TEST_ASSERT_EQUAL_size_t(0, r.guard.resets);
-		CHECK_STATUS(KOOP_E_MEMORY, KOOP(guard_update)(&r.guard, &r.learner.rls, x, u, x, NULL));
+		TEST_ASSERT_EQUAL_size_t(0, r.supervisor.resets);
+		CHECK_STATUS(KOOP_E_MEMORY, KOOP(supervisor_update)(&r.supervisor, &r.learner.rls, x, u, x, NULL));
 	}
-	TEST_ASSERT_EQUAL_size_t(1, r.guard.resets);
-	CHECK_STATUS(KOOP_OK, KOOP(guard_update)(&r.guard, &r.learner.rls, x, u, x, NULL));
+	TEST_ASSERT_EQUAL_size_t(1, r.supervisor.resets);
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_update)(&r.supervisor, &r.learner.rls, x, u, x, NULL));
 }
 
 /* The plan is forgotten, as after all that leaves none: the next solve starts from the safe input. */
@@ -300,13 +313,13 @@ static void test_models_beyond_mending_leave_no_plan(void) {
 	static const real away[N] = {(real)0.5, (real)0.25}, reference[MOST_H * N] = {1, 1, 1, 1};
 	real u[M], plan[MOST_H * M];
 	start(2, 0, NULL);
-	CHECK_STATUS(KOOP_OK,
-	             KOOP(guard_control)(&r.guard, &r.learner.rls, &r.mpc, away, reference, NULL, u, &r.result));
+	CHECK_STATUS(KOOP_OK, KOOP(supervisor_control)(&r.supervisor, &r.learner.rls, &r.mpc, away, reference,
+	                                               NULL, u, &r.result));
 	TEST_ASSERT_TRUE(u[0] > 0);
-	r.guard.offline[0] += 1;
-	r.guard.offline[1] += 3;
-	CHECK_STATUS(KOOP_E_MEMORY,
-	             KOOP(guard_control)(&r.guard, &r.learner.rls, &r.mpc, away, reference, NULL, u, &r.result));
+	r.supervisor.offline[0] += 1;
+	r.supervisor.offline[1] += 3;
+	CHECK_STATUS(KOOP_E_MEMORY, KOOP(supervisor_control)(&r.supervisor, &r.learner.rls, &r.mpc, away,
+	                                                     reference, NULL, u, &r.result));
 	CHECK_STATUS(KOOP_OK, KOOP(mpc_plan)(&r.mpc, plan));
 	for (size_t q = 0; q < (size_t)MOST_H * M; q++) { TEST_ASSERT_TRUE(plan[q] >= 0 && plan[q] <= 0); }
 }
@@ -324,7 +337,7 @@ int main(void) {
 	RUN_TEST(test_range_that_the_solver_hardly_sees_is_none);
 	RUN_TEST(test_each_setting_is_checked);
 	RUN_TEST(test_each_setting_is_taken);
-	RUN_TEST(test_guard_that_is_refused_is_left_alone);
+	RUN_TEST(test_supervisor_that_is_refused_is_left_alone);
 	RUN_TEST(test_gate_that_does_not_fit_changes_nothing);
 	RUN_TEST(test_learner_beyond_mending_is_started_again);
 	RUN_TEST(test_models_beyond_mending_leave_no_plan);

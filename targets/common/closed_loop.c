@@ -9,7 +9,7 @@
 
 static agent a;
 static float path[PATH * STATES];
-static float psi[N_MOST], psi_next[N_MOST];
+static float psi[N_MAX], psi_next[N_MAX];
 
 static void print_step(const float x[STATES], const float u[INPUTS]) {
 	printf("%a %a %a %a %a\n", (double)x[0], (double)x[1], (double)x[2], (double)u[0], (double)u[1]);

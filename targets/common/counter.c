@@ -34,7 +34,7 @@ struct systick {
 	volatile uint32_t control, reload, value;
 };
 #define SYSTICK ((struct systick *)0xE000E010u)
-#define SYSTICK_MOST 0xFFFFFFu
+#define SYSTICK_MAX 0xFFFFFFu
 
 static float per_tick; /* instructions */
 static float overhead; /* instructions */
@@ -58,7 +58,7 @@ static uint32_t wait_for_tick(void) {
 static float elapsed(void) {
 	const uint32_t value = SYSTICK->value;
 	const uint32_t rest = wait_for_tick();
-	const uint32_t ticks = (begun - value) & SYSTICK_MOST;
+	const uint32_t ticks = (begun - value) & SYSTICK_MAX;
 	return (float)(ticks + 1) * per_tick - (float)rest;
 }
 
@@ -73,7 +73,7 @@ uint32_t counter_stop(void) {
 }
 
 void counter_open(void) {
-	SYSTICK->reload = SYSTICK_MOST;
+	SYSTICK->reload = SYSTICK_MAX;
 	SYSTICK->value = 0;
 	SYSTICK->control = 5; /* on, by the processor's clock */
 
@@ -84,7 +84,7 @@ void counter_open(void) {
 	                 : "+r"(loops)
 	                 :
 	                 : "cc");
-	per_tick = 2e6f / (float)((begun - SYSTICK->value) & SYSTICK_MOST);
+	per_tick = 2e6f / (float)((begun - SYSTICK->value) & SYSTICK_MAX);
 
 	counter_start();
 	overhead = elapsed();

@@ -64,10 +64,10 @@ static void report(series *s, size_t N, const char *what, const char *detail) {
 
 static agent a;
 static float path[PATH * STATES];
-static float psi[N_MOST], psi_next[N_MOST];
+static float psi[N_MAX], psi_next[N_MAX];
 
 static koopf_gate gate;
-static float gate_storage[KOOP_GATE_REALS_SQRT(N_MOST, INPUTS)];
+static float gate_storage[KOOP_GATE_REALS_SQRT(N_MAX, INPUTS)];
 
 /* A sample that the gate refuses is no failure. */
 static int unless_outlier(int status) {

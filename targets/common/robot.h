@@ -7,7 +7,7 @@
 
 #include "tinykoop.h"
 
-#define N_MOST 22 /* lifted states */
+#define N_MAX 22 /* lifted states */
 #define STATES 3  /* x = [px (m), py (m), theta (rad)] */
 #define INPUTS 2  /* u = [v (m/s), omega (rad/s)] */
 #define HORIZON 50
@@ -19,8 +19,8 @@ typedef struct agent {
 	koopf_config config;
 	koopf_rls rls;
 	koopf_mpc mpc;
-	float rls_storage[KOOP_RLS_REALS_PLAIN(N_MOST, INPUTS)];
-	float mpc_storage[KOOP_MPC_REALS_NEWTON(N_MOST, STATES, INPUTS, HORIZON)];
+	float rls_storage[KOOP_RLS_REALS_PLAIN(N_MAX, INPUTS)];
+	float mpc_storage[KOOP_MPC_REALS_NEWTON(N_MAX, STATES, INPUTS, HORIZON)];
 } agent;
 
 /* Status of the library. `tolerance` 0: the controller's own. */

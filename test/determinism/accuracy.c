@@ -87,7 +87,7 @@ static const struct {
     {"cosine", error_of_cosine, 10, FAR},
     {"atan2", error_of_atan2, (real)1e-3, 10},
     {"atan2", error_of_atan2, 10, FAR},
-    {"far-angle", error_of_far_angle, FAR, ANGLE_MOST},
+    {"far-angle", error_of_far_angle, FAR, ANGLE_MAX},
 };
 
 static real real_of(REAL_BITS bits) {

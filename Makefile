@@ -7,7 +7,7 @@ BUILD := build
 VENV := $(BUILD)/venv
 TINYKOOP := $(VENV)/bin/tinykoop
 PIP_OPTIONS := --quiet --disable-pip-version-check
-JOBS := $(shell nproc 2>/dev/null || echo 2)
+JOBS := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 UPDATED := $(if $(UPDATE),--update)
 

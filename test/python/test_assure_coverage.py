@@ -3,7 +3,6 @@
 import re
 
 import pytest
-
 from tinykoop.assure import coverage
 from tinykoop.assure.coverage import Item
 from tinykoop.plumbing.errors import UserError

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-
 from tinykoop.assure import determinism
 from tinykoop.plumbing.errors import UserError
 

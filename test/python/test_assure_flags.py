@@ -4,7 +4,6 @@ import json
 import re
 
 import pytest
-
 from tinykoop.assure import flags
 from tinykoop.firmware import targets
 from tinykoop.plumbing.errors import UserError

@@ -3,7 +3,6 @@
 import subprocess
 
 import pytest
-
 from tinykoop.assure import fuzz
 from tinykoop.plumbing.errors import UserError
 

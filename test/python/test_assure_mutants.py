@@ -5,7 +5,6 @@ import subprocess
 from collections import Counter
 
 import pytest
-
 from tinykoop.assure import mutants, trial
 from tinykoop.assure.mutation import Mutant
 from tinykoop.assure.mutation import mutants as mutants_of

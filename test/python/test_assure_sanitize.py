@@ -3,7 +3,6 @@
 import sys
 
 import pytest
-
 from tinykoop.assure import sanitize
 from tinykoop.plumbing.errors import UserError
 

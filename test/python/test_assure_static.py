@@ -1,7 +1,6 @@
 """What `make static` makes of what the tools print, without the tools."""
 
 import pytest
-
 from tinykoop.assure import static
 from tinykoop.plumbing.errors import UserError
 

@@ -43,13 +43,13 @@ PAPER = {
 }
 
 # allowed ratio - 1 of error, norm P, norm A, and percentage points of the skip rate
-TO_REFERENCE = {cell: (0.001, 0.001, 0.001, 0.0) for cell in REFERENCE} | {
+TO_REFERENCE = dict.fromkeys(REFERENCE, (0.001, 0.001, 0.001, 0.0)) | {
     ("poly_ddr", "dz_cs"): (0.005, 0.02, 0.02, 0.4),
     ("poly_ddr", "dz_ks"): (0.005, 0.02, 0.02, 0.4),
     ("rbf_ddr", "dz_cs"): (0.03, 0.10, 0.03, 0.1),
     ("rbf_ddr", "dz_ks"): (0.03, 0.40, 0.03, 0.3),
 }
-TO_PAPER = {cell: (0.05, 0.05, 0.05, 0.0) for cell in PAPER} | {
+TO_PAPER = dict.fromkeys(PAPER, (0.05, 0.05, 0.05, 0.0)) | {
     ("poly_ddr", "ct"): (0.05, 0.05, 0.15, 0.0),
     ("poly_ddr", "sift"): (0.05, 0.05, 0.15, 0.0),
     ("poly_ddr", "dz_cs"): (0.03, 0.05, 0.05, 0.5),

@@ -15,7 +15,9 @@ MISSING = [program for program in (COMPILER, EMULATOR) if not shutil.which(progr
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"missing: {', '.join(MISSING)} (Debian: gcc-powerpc-linux-gnu qemu-user)")
 
 # What depends on the order of bytes in memory, and what once failed here.
-TESTS = [f"{subject}_{precision}" for subject in ("model", "model_format", "checksum", "flips", "self_test") for precision in ("koopf", "koopd")]
+TESTS = [
+    f"{subject}_{precision}" for subject in ("model", "model_format", "checksum", "flips", "self_test") for precision in ("koopf", "koopd")
+]
 TESTS += ["regulators_koopd"]
 
 

@@ -14,7 +14,11 @@ LABEL = {"tier": "single", "effects": {"gain:speed": 0.1}, "without": []}
 def report(verdict="known", effects=(), also=None):
     """A report with effects [(name, size, confidence)]."""
     listed = [{"name": n, "params": {"a": v}, "params_ci95": {"a": [v - 0.01, v + 0.01]}, "confidence": c} for n, v, c in effects]
-    return {"report": {"verdict": verdict, "effects": listed, "ranking": [], "ambiguous_with": also or {}, "passes": 90}, "error": None, "seconds": 1.0}
+    return {
+        "report": {"verdict": verdict, "effects": listed, "ranking": [], "ambiguous_with": also or {}, "passes": 90},
+        "error": None,
+        "seconds": 1.0,
+    }
 
 
 def test_same_seed_gives_the_same_log_and_another_seed_another():
@@ -37,7 +41,7 @@ def test_pairs_are_of_effects_that_do_not_mimic_each_other():
 
 def test_a_plant_without_effects_is_the_same_as_with_effects_of_size_zero():
     none = drive(car, {}, random.Random(4))
-    assert none == drive(car, {name: 0.0 for name in ("gain:speed", "lag:steering", "delay:all", "understeer")}, random.Random(4))
+    assert none == drive(car, dict.fromkeys(("gain:speed", "lag:steering", "delay:all", "understeer"), 0.0), random.Random(4))
 
 
 def test_commands_arrive_as_late_as_told():
@@ -61,7 +65,9 @@ def test_an_answer_counts_if_it_is_right_or_said_to_be_ambiguous(effects, also, 
 
 def test_unknown_is_right_only_where_no_effect_of_the_library_acts():
     assert campaign.row_of(LABEL | {"tier": "unknown", "effects": {"understeer": 0.2}}, report("unknown"))["right"]
-    assert not campaign.row_of(LABEL | {"tier": "unknown", "effects": {"understeer": 0.2}}, report("partly", [("clock", 0.1, 0.8)]))["right"]
+    assert not campaign.row_of(LABEL | {"tier": "unknown", "effects": {"understeer": 0.2}}, report("partly", [("clock", 0.1, 0.8)]))[
+        "right"
+    ]
     assert not campaign.row_of(LABEL, {"report": None, "error": "exit status 2", "seconds": 1.0})["right"]
 
 

@@ -13,7 +13,21 @@ from tinykoop import bridge, convert
 from tinykoop.convert import ardupilot
 from tinykoop.plumbing.errors import UserError
 
-SIZES = {"n": "4s", "b": "b", "B": "B", "h": "h", "c": "h", "C": "H", "i": "i", "L": "i", "f": "f", "d": "d", "Q": "Q", "N": "16s", "Z": "64s"}
+SIZES = {
+    "n": "4s",
+    "b": "b",
+    "B": "B",
+    "h": "h",
+    "c": "h",
+    "C": "H",
+    "i": "i",
+    "L": "i",
+    "f": "f",
+    "d": "d",
+    "Q": "Q",
+    "N": "16s",
+    "Z": "64s",
+}
 SCALES = {"c": 100, "C": 100, "L": 1e7}
 FMT, FMTU, FIRST = 128, 129, 130
 

@@ -146,7 +146,12 @@ def test_a_wrong_map_is_refused(log, wrong, match):
 
 
 def test_a_column_that_nothing_maps_is_named(log):
-    refused(log, "ddr", r"nothing for py: add the column, or name the field with --map COLUMN=COLUMN\[UNIT\]; .*has mode, ms", maps=MAP[:2] + MAP[3:])
+    refused(
+        log,
+        "ddr",
+        r"nothing for py: add the column, or name the field with --map COLUMN=COLUMN\[UNIT\]; .*has mode, ms",
+        maps=MAP[:2] + MAP[3:],
+    )
     message = refused(log, "ddr", "nothing for t, px, py: ", maps=MAP[3:])
     assert "x [mm]" in message and "usually" not in message
 
@@ -212,7 +217,17 @@ def test_command_line_with_both_kinds_of_map(log, toml, tmp_path):
 
 def test_units_are_those_of_the_si_brochure():
     """Factors by exact fractions: a degree is pi/180, a turn per minute 2 pi/60, g 9.80665 m/s2."""
-    exact = {"deg": np.pi / 180, "rpm": np.pi / 30, "km/h": 5 / 18, "g": 9.80665, "ms": 1 / 1000, "us": 1e-6, "ns": 1e-9, "min": 60, "%": 1 / 100}
+    exact = {
+        "deg": np.pi / 180,
+        "rpm": np.pi / 30,
+        "km/h": 5 / 18,
+        "g": 9.80665,
+        "ms": 1 / 1000,
+        "us": 1e-6,
+        "ns": 1e-9,
+        "min": 60,
+        "%": 1 / 100,
+    }
     for unit, factor in exact.items():
         assert units.base(unit)[1] == pytest.approx(factor, rel=1e-15), unit
     for unit, (base, factor) in units.UNITS.items():

@@ -88,9 +88,7 @@ def deepest(objects):
     data = "".join(text for name, text in zip(parts[1::2], parts[2::2]) if name.startswith((".rodata", ".data")))
     tables = set(re.findall(r"R_ARM_ABS32\s+(?:\.text\.)?(\w+)", data))
     called = {name: set() for name in frames}
-    for source, target, path, line in re.findall(
-        rf'sourcename: {title} targetname: {title}(?: label: "([^"]*):(\d+):\d+")?', graph
-    ):
+    for source, target, path, line in re.findall(rf'sourcename: {title} targetname: {title}(?: label: "([^"]*):(\d+):\d+")?', graph):
         if target == "__indirect_call":
             (member,) = re.findall(r"->(\w+)\(", Path(path).read_text().splitlines()[int(line) - 1])
             found = {name for name in tables if re.fullmatch(rf"{member}(_.*)?|.*_{member}", name)}

@@ -214,9 +214,7 @@ def test_single_effect(name):
     assert effect["segments"] == [[0.0, report["log"]["seconds"]]] and effect["confidence"] > 0.9
     assert path_error(name, effect["params"], drive(SHORT)) < 0.05
     if len(effect["params"]) <= 2:  # of curves with more, the path is the judge
-        for value, true, commanded in zip(
-            effect["params"].values(), bridge.usual_effect(name).parameters, np.abs(drive(SHORT)).T
-        ):
+        for value, true, commanded in zip(effect["params"].values(), bridge.usual_effect(name).parameters, np.abs(drive(SHORT)).T):
             if name == "dead_band":  # between commanded levels it may lie anywhere
                 assert np.sum((commanded > min(value, true)) & (commanded < max(value, true))) <= 2
             else:
@@ -233,9 +231,7 @@ def test_intervals_hold_the_truth_mostly():
     assert np.mean(inside) > 0.8, inside
 
 
-@pytest.mark.parametrize(
-    "names", [("actuator_lag", "wheel_asymmetry"), ("dead_band", "lateral_skid"), ("speed_gain", "transport_delay")]
-)
+@pytest.mark.parametrize("names", [("actuator_lag", "wheel_asymmetry"), ("dead_band", "lateral_skid"), ("speed_gain", "transport_delay")])
 def test_pair(names):
     report = diagnose(log_of(drive(SHORT, 3), usual(*names))).report
     assert report["verdict"] == "known" and set(effects_of(report)) == set(names)
@@ -542,5 +538,3 @@ def test_noise_floor_is_what_the_noise_leaves():
     floor = single("speed_gain").report["gap"]["noise_floor"]
     for H, expected in zip(("1", "10", "50"), np.sqrt((off[..., :2] ** 2).sum(-1).mean(0))):
         assert floor[H] == pytest.approx(expected, rel=0.08)
-
-

@@ -82,9 +82,7 @@ def refused(answer, *says):
 
 
 def table(change):
-    rows = [
-        [f"{value:.10g}" for value in row] for row in np.column_stack([np.arange(ROWS) * DT, poses(drive()), drive()])
-    ]
+    rows = [[f"{value:.10g}" for value in row] for row in np.column_stack([np.arange(ROWS) * DT, poses(drive()), drive()])]
     return "\n".join(",".join(row) for row in change([["t", "px", "py", "theta", "v", "omega"], *rows])) + "\n"
 
 
@@ -147,9 +145,7 @@ def test_command_by_itself(tmp_path):
     """In a process of its own: nothing but the line."""
     root = Path(__file__).resolve().parents[2]
     command = [sys.executable, "-m", "tinykoop.cli", "diagnose", "missing.csv", "--out", str(tmp_path / "out")]
-    done = subprocess.run(
-        command, capture_output=True, text=True, cwd=tmp_path, env={"PYTHONPATH": str(root / "tools")}
-    )
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env={"PYTHONPATH": str(root / "tools")})
     assert done.returncode == 2 and done.stdout == ""
     refused((done.returncode, done.stderr, None), "missing.csv")
 
@@ -315,9 +311,7 @@ def test_ignored_columns(tinykoop, tmp_path):
     x, noise = poses(drive(), ("speed_gain",)), np.random.default_rng(0).normal(size=(ROWS, 2))
     path = tmp_path / "log.csv"
     plain = tinykoop(write(path, x, drive()))[2]
-    more = tinykoop(
-        write(path, x, drive(), battery=noise[:, 0], seg=np.zeros(ROWS), gyro=noise[:, 1], pose_ok=np.ones(ROWS))
-    )[2]
+    more = tinykoop(write(path, x, drive(), battery=noise[:, 0], seg=np.zeros(ROWS), gyro=noise[:, 1], pose_ok=np.ones(ROWS)))[2]
     assert plain == more
 
 

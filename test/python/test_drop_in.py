@@ -164,17 +164,13 @@ def test_two_prefixes_in_one_program(pair, said, tmp_path):
     mine = re.sub(r"\b(?=KOOP_)", "MY_", mine).replace("int main(", "int second(void);\nint second(")
     (tmp_path / "plain.c").write_text(plain)
     (tmp_path / "mine.c").write_text(mine)
-    (tmp_path / "both.c").write_text(
-        "int first(void);\nint second(void);\nint main(void) {\n\treturn first() || second();\n}\n"
-    )
+    (tmp_path / "both.c").write_text("int first(void);\nint second(void);\nint main(void) {\n\treturn first() || second();\n}\n")
     include = [f"-I{pair}", f"-I{tmp_path}"]
     sources = [*(tmp_path / f"{name}.c" for name in ("plain", "mine", "both", "my_tinykoop")), pair / "tinykoop.c"]
     run("gcc", "-std=c99", *WARNINGS, *include, *sources, "-o", tmp_path / "both", "-lm")
     assert run(tmp_path / "both") == 2 * said
     # and both headers in one file
-    (tmp_path / "headers.c").write_text(
-        '#include "tinykoop.h"\n#include "my_tinykoop.h"\nint same = (int)KOOP_OK == (int)MY_KOOP_OK;\n'
-    )
+    (tmp_path / "headers.c").write_text('#include "tinykoop.h"\n#include "my_tinykoop.h"\nint same = (int)KOOP_OK == (int)MY_KOOP_OK;\n')
     run("gcc", "-std=c99", *WARNINGS, *include, "-fsyntax-only", tmp_path / "headers.c")
 
 

@@ -107,7 +107,9 @@ def test_effect_that_sets_in_acts_on_a_fresh_flight_all_along(trim):
 
 
 def test_effect_that_set_in_is_left_out_of_a_healthy_fresh_flight():
-    report = diagnose(bridge.fwmav("pitch", SECONDS, 21, [bridge.Effect("trim_bias", TRIM, FROM)])[0], bridge.fwmav("pitch", 8, 23)[0]).report
+    report = diagnose(
+        bridge.fwmav("pitch", SECONDS, 21, [bridge.Effect("trim_bias", TRIM, FROM)])[0], bridge.fwmav("pitch", 8, 23)[0]
+    ).report
     assert [(e["name"], e["acts"]) for e in report["fresh"]["effects"]] == [("trim_bias", False)]
     assert report["fresh"]["gap"]["after"] == report["fresh"]["gap"]["before"]
 

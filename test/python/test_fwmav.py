@@ -125,9 +125,7 @@ class Vehicle:
     def go(self, command, dt, **air):
         """dt on under a held command; the voltage is that of the beginning."""
         voltage = 1 - DISCHARGE * self.t
-        result = solve_ivp(
-            lambda t, y: self.slope(y, command, voltage, **air), (0, dt), self.y, "DOP853", rtol=1e-9, atol=1e-10
-        )
+        result = solve_ivp(lambda t, y: self.slope(y, command, voltage, **air), (0, dt), self.y, "DOP853", rtol=1e-9, atol=1e-10)
         self.y, self.t = result.y[:, -1], self.t + dt
         return self
 

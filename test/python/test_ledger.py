@@ -48,7 +48,9 @@ def test_tracking_is_compared_with_the_offline_model(tmp_path):
 
 
 def test_float32_does_not_count(tmp_path):
-    found = results(tmp_path, learn=rows("learn", offline=1.0) + [{"dictionary": "rbf", "regulator": "offline", "precision": "f32", "mean_error": 9.0}])
+    found = results(
+        tmp_path, learn=rows("learn", offline=1.0) + [{"dictionary": "rbf", "regulator": "offline", "precision": "f32", "mean_error": 9.0}]
+    )
     assert found.errors("learn", "rbf") == {"offline": 1.0}
 
 
@@ -65,7 +67,9 @@ def test_real_flights_are_told_and_simulated_ones_decide(tmp_path):
     assert said == "P->P rank 1 of 2, Y->Y rank 1 of 2 (simulated flights); P->P rank 2 of 2, Y->Y rank 2 of 2 (real flights)"
 
 
-@pytest.mark.parametrize("gain, norm, verdict", [(0.03, 1.0, ledger.HOLDS), (1.01, 0.9, ledger.CONTRADICTED), (0.1, 1.2, ledger.CONTRADICTED)])
+@pytest.mark.parametrize(
+    "gain, norm, verdict", [(0.03, 1.0, ledger.HOLDS), (1.01, 0.9, ledger.CONTRADICTED), (0.1, 1.2, ledger.CONTRADICTED)]
+)
 def test_the_bounds_of_constant_trace_are_tried_on_every_run(tmp_path, gain, norm, verdict):
     runs = [{"study": "ct", "gain_over_bound": g, "norm_over_trace": n} for g, n in ((0.001, 0.5), (gain, norm))]
     assert ledger._trace_bounds(results(tmp_path, ablate=runs))[1] == verdict

@@ -11,7 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-
 from tinykoop.firmware.callgraph import calls, cycle, deepest, held_in_tables
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,10 +36,7 @@ compilers = [
     pytest.param(c, marks=[] if shutil.which(c) else pytest.mark.skip(f"{c} is not installed"))
     for c in ("gcc", "clang-19" if shutil.which("clang-19") else "clang")
 ]
-needs = {
-    tool: pytest.mark.skipif(not shutil.which(tool), reason=f"{tool} is not installed")
-    for tool in ("gcc", "g++", "nm", "objdump")
-}
+needs = {tool: pytest.mark.skipif(not shutil.which(tool), reason=f"{tool} is not installed") for tool in ("gcc", "g++", "nm", "objdump")}
 only_x86 = pytest.mark.skipif(platform.machine() != "x86_64", reason="knows the mnemonics of x86_64 only")
 
 

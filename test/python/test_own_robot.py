@@ -243,7 +243,9 @@ def test_what_changed_since_healthy_logs_is_asked_of_them(car, tmp_path):
     before = [log_of(car, tmp_path, seed, lag=0.12, rows=600) for seed in (21, 22)]
     report = own.diagnose(log_of(car, tmp_path, 23, lag=0.12, rate=turned, rows=900), car, healthy=before).report
     assert [e["name"] for e in report["healthy"]["effects"]] == ["lag:steering"] and report["healthy"]["logs"] == 2
-    assert [e["name"] for e in report["effects"]] == ["gain:steering"] or "gain:steering" in report["ambiguous_with"][report["effects"][0]["name"]]
+    assert [e["name"] for e in report["effects"]] == ["gain:steering"] or "gain:steering" in report["ambiguous_with"][
+        report["effects"][0]["name"]
+    ]
     assert own.diagnose(log_of(car, tmp_path, 24, lag=0.12, rows=900), car, healthy=before).report["verdict"] == "none"
 
 

@@ -7,7 +7,7 @@ import pytest
 from tinykoop.assure import coverage, determinism, flips, fuzz, mutants, sanitize, soak
 from tinykoop.bench import page as bench
 from tinykoop.blind import page as blind
-from tinykoop.experiments import supervisor, real, scenario, transfer
+from tinykoop.experiments import real, scenario, supervisor, transfer
 from tinykoop.experiments.study import tables as study
 from tinykoop.experiments.study.closed_loop import SIGMA
 from tinykoop.plumbing import pages
@@ -41,7 +41,12 @@ def bench_rows():
     tasks = [f"rls_update_{p}{s}{v}" for p in ("f32", "f64") for s in ("", "_O2") for v in ("", "_sqrt", "_checked")]
     rows = [timed(task, 200.0, 250.0) for task in tasks] + [timed("rls_update_f32_numpy", 200.0, 9248.0, "NumPy")]
     rows += [timed(f"replay_f32_N20_{r}{s}", 400.0, 400.0) for r in ("none", *scenario.REGULATORS) for s in ("", "_sqrt")]
-    rows += [timed(f"qp_{mode}_1e-6_f64{o}", 50.0, peer, name) for mode in ("cold", "warm") for o in ("", "_O3") for name, peer in (("DAQP, tolerance 1", 200.0), ("CVXPY, dense", 900.0))]
+    rows += [
+        timed(f"qp_{mode}_1e-6_f64{o}", 50.0, peer, name)
+        for mode in ("cold", "warm")
+        for o in ("", "_O3")
+        for name, peer in (("DAQP, tolerance 1", 200.0), ("CVXPY, dense", 900.0))
+    ]
     rows += [timed("qp_cold_1e-6_f64", 50.0, 800.0, "PIQP"), timed("qp_warm_1e-6_f64", 50.0, 800.0, "PIQP, no warm start")]
     return rows
 
@@ -102,7 +107,10 @@ def test_a_campaign_in_which_every_diagnosis_failed_is_not_written(written):
 
 
 def test_supervisor_counts_runs_that_are_lost():
-    rows = [{"mean_error_without_supervisor": 3.0, "mean_error_supervised": 0.05}, {"mean_error_without_supervisor": None, "mean_error_supervised": 0.08}]
+    rows = [
+        {"mean_error_without_supervisor": 3.0, "mean_error_supervised": 0.05},
+        {"mean_error_without_supervisor": None, "mean_error_supervised": 0.08},
+    ]
     lines = cells(supervisor.page(rows, [{"mean_error_without_supervisor": 0.04, "mean_error_supervised": 0.041}]))
     assert [figure for (figure,) in lines.values()] == ["2", "2", "0", "0.08", "1.025"]
 
@@ -125,7 +133,15 @@ def test_transfer_writes_errors_of_all_directions():
 
 def replayed(gate_error=0.2, refuse=0.1):
     """Rows of a replay with one method and one baseline."""
-    row = {"source": "gravel", "method": "Poly", "steps": 900, "mean_error": 0.1, "lost_positive_definite_at": None, "refused": 0, "trust": None}
+    row = {
+        "source": "gravel",
+        "method": "Poly",
+        "steps": 900,
+        "mean_error": 0.1,
+        "lost_positive_definite_at": None,
+        "refused": 0,
+        "trust": None,
+    }
     trust = {"trusted": 0.5, "doubtful": 0.4, "refuse": refuse}
     variants = [("sqrt", "f64", False), ("plain", "f32", False), ("sqrt", "f32", False)]
     rows = [row | dict(zip(("form", "precision", "gate"), variant)) for variant in variants]
@@ -139,7 +155,9 @@ def test_real_logs_fill_three_tables():
     assert cells(real.float32_page([replayed()])) == {"`gravel`": ["900", "1", "0", "0", "1.000"]}
     gate = cells(real.gate_page([replayed(0.2), replayed(0.1, 0.3)]))
     assert gate["samples called refuse, median (%)"] == ["20"] and gate["at most 1.1 times as large, of these"] == ["1"]
-    gap = real.gap_page([{"log": "a", "verdict": "unknown", "fit": ["speed_lag"], "gap": {"before": {"50": 1.3}, "closed_fraction": {"50": 0.74}}}])
+    gap = real.gap_page(
+        [{"log": "a", "verdict": "unknown", "fit": ["speed_lag"], "gap": {"before": {"50": 1.3}, "closed_fraction": {"50": 0.74}}}]
+    )
     assert "| `a` | unknown | speed_lag | 1.3 | 74 |" in gap
 
 
@@ -153,7 +171,12 @@ def test_assurance_tables_hold_the_totals():
     parts = [{"build": b, "precision": "float32", "contracted": b == "fast", "equal": b == "gcc"} for b in ("gcc", "fast")]
     assert cells(determinism.page(parts))["float32: equal"] == ["1"]
     run = {"gate": 1, "updates": 5e7, "episodes": 20, "recovered": 20, "steps_to_recover": 217}
-    assert [figure for (figure,) in cells(soak.page([run, run | {"gate": 0, "steps_to_recover": 9999}])).values()] == ["1.0e8", "20", "20", "217"]
+    assert [figure for (figure,) in cells(soak.page([run, run | {"gate": 0, "steps_to_recover": 9999}])).values()] == [
+        "1.0e8",
+        "20",
+        "20",
+        "217",
+    ]
     flip = {"what": "Theta", "trials": 50, "detected": 25, "harmless": 25, "silent": 0, "for_ever": 0, "unsafe": 0}
     table = cells(flips.page([flip | {"configuration": use} for use in flips.USES], 1))
     assert table["gate, checksum"] == ["50", "50.00", "50.00", "0.00", "0", "0"]

@@ -64,7 +64,9 @@ def words(line):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_tables_with_figures_are_written_by_commands(page):
     by_us = [table[0] for table in tables(by_hand(page)) if any(re.search(r"\d", words(line)) for line in table[2:])]
-    assert not [head for head in by_us if (page.name, head) not in SETTINGS], "put the table between markers, or list it here if nothing is measured"
+    assert not [head for head in by_us if (page.name, head) not in SETTINGS], (
+        "put the table between markers, or list it here if nothing is measured"
+    )
 
 
 def test_the_list_of_tables_without_measurements_has_no_other():

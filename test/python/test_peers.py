@@ -9,7 +9,7 @@ from tinykoop import bridge
 for package in ("pysindy", "sklearn", "threadpoolctl"):
     pytest.importorskip(package, reason=f"{package} is missing: `make blind` installs tools/requirements-peers.txt")
 
-from tinykoop.blind.peers import PEERS, boosting, common, library, sindy
+from tinykoop.blind.peers import PEERS, boosting, common, library, sindy  # noqa: E402
 
 DT, SP, ST = 0.05, 0.004, 0.004
 FIELDS = {"verdict", "effects", "ranking", "ambiguous_with", "gap", "fresh"}
@@ -33,10 +33,7 @@ def logs(tmp_path_factory):
         "speed_gain": [bridge.Effect("speed_gain", (-0.1,))],
         "actuator_lag": [bridge.Effect("actuator_lag", (0.3,))],
     }
-    return {
-        name: tuple(write(folder / f"{name}{seed}.csv", active, seed) for seed in (1, 2))
-        for name, active in robots.items()
-    }
+    return {name: tuple(write(folder / f"{name}{seed}.csv", active, seed) for seed in (1, 2)) for name, active in robots.items()}
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -49,7 +49,20 @@ class Small:
         self.D, self.E = rng.normal(size=(K, n, 3)), rng.normal(size=(K, c, 3))
 
     def arguments(self):
-        return self.begins, self.A, self.G, self.variance, self.start, self.C, self.push, self.keeps, self.tint, self.tint_rho, self.D, self.E
+        return (
+            self.begins,
+            self.A,
+            self.G,
+            self.variance,
+            self.start,
+            self.C,
+            self.push,
+            self.keeps,
+            self.tint,
+            self.tint_rho,
+            self.D,
+            self.E,
+        )
 
     def dense(self):
         """[(what is seen of all columns, their covariance)] of each run: from what makes each of them, row by row."""
@@ -94,7 +107,19 @@ def test_likelihoods_of_eight_noises_are_those_of_normal_distributions(tint):
     rows = lambda values: scales[:, None] * values  # noqa: E731
     keeps = [np.tile(k, (LANES, 1)) for k in (small.keeps, small.tint_rho)]
     white = np.tile(scales[:, None] ** 2, (1, small.shape[2]))
-    arguments = small.begins, small.A, small.G, small.variance, small.start, small.C, rows(small.push), keeps[0], white, rows(small.tint), keeps[1]
+    arguments = (
+        small.begins,
+        small.A,
+        small.G,
+        small.variance,
+        small.start,
+        small.C,
+        rows(small.push),
+        keeps[0],
+        white,
+        rows(small.tint),
+        keeps[1],
+    )
     ours = deviances(*arguments, small.D[..., 0], small.E[..., 0])
     variance, push, sd = small.variance, small.push, small.tint
     for s in scales:

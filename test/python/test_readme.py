@@ -3,7 +3,6 @@
 import json
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -64,9 +63,7 @@ def test_firmware_snippets(readme, tmp_path):
     program = tmp_path / "firmware"
     units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_supervisor.c"]
     include = ["-I", str(ROOT / "lib/include")]
-    subprocess.run(
-        ["gcc", *FLAGS, *include, str(source), *map(str, units), "-o", str(program), "-lm"], check=True
-    )
+    subprocess.run(["gcc", *FLAGS, *include, str(source), *map(str, units), "-o", str(program), "-lm"], check=True)
     told = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.split()
     innovation, speed, *storage = map(float, told)
     assert innovation < 0.05
@@ -111,8 +108,8 @@ def test_assurance_names_files_that_exist():
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
-    from tinykoop.diagnose.platforms.fwmav import diagnosis as flight
     from tinykoop.diagnose.platforms import ddr
+    from tinykoop.diagnose.platforms.fwmav import diagnosis as flight
     from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans
 
     return [

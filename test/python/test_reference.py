@@ -176,9 +176,7 @@ def test_float64_recursion_is_the_papers(dictionary, regulator, form, states, ex
 @pytest.mark.parametrize("dictionary, regulator", CELLS)
 def test_float32_predicts_as_the_paper(dictionary, regulator, form, states, exact):
     """Found: 1.3e-5 for vanilla RBF in the plain form, 2e-6 and less elsewhere."""
-    off, _, _ = agreement(
-        bridge.Estimator(dictionary, regulator, 32, form=form), states, exact(dictionary, regulator)
-    )
+    off, _, _ = agreement(bridge.Estimator(dictionary, regulator, 32, form=form), states, exact(dictionary, regulator))
     assert off < 1e-3
 
 

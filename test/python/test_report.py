@@ -71,9 +71,7 @@ class Reader(HTMLParser):
 
     def handle_starttag(self, tag, attributes):
         self.tags.append(tag)
-        self.addresses += [
-            value for name, value in attributes if name in ("src", "href", "xlink:href", "action", "data")
-        ]
+        self.addresses += [value for name, value in attributes if name in ("src", "href", "xlink:href", "action", "data")]
         if tag not in VOID:
             self.open.append(tag)
 
@@ -150,15 +148,20 @@ def test_page_without_figures_to_give(lag):
     contributions = {"actuator_lag": nothing, "yaw_gain": nothing}
     for word in ("known", "none", "unknown"):
         bare = changed(
-            lag, verdict=word, gap=gap, gaps=gaps, fresh={"gap": gap, "gaps": gaps}, contributions=contributions, advice=None, not_testable=[]
+            lag,
+            verdict=word,
+            gap=gap,
+            gaps=gaps,
+            fresh={"gap": gap, "gaps": gaps},
+            contributions=contributions,
+            advice=None,
+            not_testable=[],
         )
         nan = {name: np.full_like(errors, np.nan) for name, errors in lag.found.before.items()}
         bare.found = dataclasses.replace(lag.found, before=nan)
         text = read(bare).text
         assert not re.search(r'="[^"]*\bnan', page(bare))
-        assert "nan" not in re.findall(r"[a-z]+", text.lower()) and "too broken up" in text + "too broken up" * (
-            word == "unknown"
-        )
+        assert "nan" not in re.findall(r"[a-z]+", text.lower()) and "too broken up" in text + "too broken up" * (word == "unknown")
 
 
 def test_masked_log_is_drawn_with_gaps(lag):
@@ -182,9 +185,7 @@ def test_predictions_are_the_simulators(lag):
 
 
 def test_advised_drive_can_be_taken_from_the_page(lag):
-    advised = changed(
-        lag, advice={"drive": "steps", "words": "steps of speed", "separation": {"a_b or c": 2.0, "d or not": 1e-9}}
-    )
+    advised = changed(lag, advice={"drive": "steps", "words": "steps of speed", "separation": {"a_b or c": 2.0, "d or not": 1e-9}})
     advised.more = {"drive": np.tile([[0.5, -0.2]], (40, 1))}
     reader = read(advised)
     (address,) = [a for a in reader.addresses if a.startswith("data:text/csv")]
@@ -227,9 +228,7 @@ def test_length(value, text):
     assert words.length(value) == text
 
 
-@pytest.mark.parametrize(
-    "part, text", [(0.994, "99 %"), (1.0, "over 99 %"), (0.001, "under 1 %"), (-0.3, "-30 %"), (None, "-")]
-)
+@pytest.mark.parametrize("part, text", [(0.994, "99 %"), (1.0, "over 99 %"), (0.001, "under 1 %"), (-0.3, "-30 %"), (None, "-")])
 def test_percent_does_not_claim_all(part, text):
     assert words.percent(part) == text
 
@@ -269,13 +268,15 @@ def test_what_is_open_is_said(lag):
     )
     says = ddr.Teller(result)
     said, beside, open_ends = says.sentence(), " ".join(says.asides()), " ".join(says.cannot_tell())
-    assert (
-        "in part" in said and "3.00 to 8.50 s" in said and said.count("transport delay") == 1 and "cannot separate" in said
-    )
+    assert "in part" in said and "3.00 to 8.50 s" in said and said.count("transport delay") == 1 and "cannot separate" in said
     assert "actuator lag 60 %" in beside and "v omega (lateral error)" in beside
     assert "Not testable: dead band" in open_ends and "tau is at the bound" in open_ends and "transport delay" in open_ends
     assert "v omega (lateral error) and matches none of the known effects" in ddr.Teller(changed(result, verdict="unknown")).sentence()
-    assert ddr.Teller(changed(result, verdict="unknown", effects=[])).sentence().startswith("Cause not identified. Beyond noise the simulator is off by")
+    assert (
+        ddr.Teller(changed(result, verdict="unknown", effects=[]))
+        .sentence()
+        .startswith("Cause not identified. Beyond noise the simulator is off by")
+    )
 
 
 def test_effects_too_small_to_matter_are_told(lag):

@@ -348,7 +348,7 @@ def pendulum(folder, strict=0, started=0, limit=100.0, starts=""):
     with zipfile.ZipFile(folder / "pendulum.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", DESCRIPTION)
         archive.write(folder / "pendulum.so", f"binaries/{fmpy.platform_tuple}/pendulum.so")
-    (folder / "pendulum.toml").write_text(TOML.replace(".fmu\"", f'.fmu"\n{starts}'))
+    (folder / "pendulum.toml").write_text(TOML.replace('.fmu"', f'.fmu"\n{starts}'))
     return folder / "pendulum.toml"
 
 

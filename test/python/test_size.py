@@ -48,7 +48,10 @@ def test_sizes_that_the_library_refuses(sizes):
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
-    [("-N 22 -n 3 -m 2", f"{4 * bridge.storage(22, 3, 2, 50)['mpc_newton']:,}"), ("-N 9 -n 6 -m 2 -H 20 --target cortex-m0plus --precision 64", "koopd_rls")],
+    [
+        ("-N 22 -n 3 -m 2", f"{4 * bridge.storage(22, 3, 2, 50)['mpc_newton']:,}"),
+        ("-N 9 -n 6 -m 2 -H 20 --target cortex-m0plus --precision 64", "koopd_rls"),
+    ],
 )
 def test_command(arguments, says):
     done = subprocess.run([sys.executable, "-m", "tinykoop.cli", "size", *arguments.split()], capture_output=True, text=True)

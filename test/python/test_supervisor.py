@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
 from tinykoop import bridge
-from tinykoop.experiments import control, supervisor, scenario
+from tinykoop.experiments import control, scenario, supervisor
 from tinykoop.plumbing.errors import UserError
 
 PRECISIONS = (64, 32)
@@ -34,9 +33,7 @@ def test_ruined_learner_is_used_again(precision):
     error = {}
     for name, supervised in (("supervised", bridge.Supervisor(supervisor.theta_of_many_drives("rbf"))), ("without_supervisor", None)):
         estimator = supervisor.start("rbf", "ef", precision, "plain", "carried over")
-        trace = estimator.control(
-            supervisor.MPC, path, scenario.DT, 600, path[0], scenario.effects(control.EDGES), supervisor=supervised
-        )
+        trace = estimator.control(supervisor.MPC, path, scenario.DT, 600, path[0], scenario.effects(control.EDGES), supervisor=supervised)
         error[name] = np.linalg.norm(trace["x"][1:] - path[1:601], axis=1).mean()
         if supervised:
             assert trace["resets"][-1] >= 1

@@ -6,7 +6,6 @@ import json
 import re
 
 import pytest
-
 from tinykoop.firmware import callgraph, targets
 from tinykoop.plumbing import pages
 from tinykoop.plumbing.errors import UserError

@@ -185,7 +185,7 @@ int main(void) {{
 	static {koop}_rls rls;
 	{real} theta[7 * 9];
 	const {koop}_config config = {{.dictionary = &{koop}_poly_ddr, .n_inputs = 2, .regulator = &{koop}_reg_ef,
-	                               .form = &{koop}_form_sqrt, .lambda = 1, .p0 = 1}};
+		.form = &{koop}_form_sqrt, .lambda = 1, .p0 = 1}};
 	if ({koop}_rls_init(&rls, &config, storage, sizeof storage / sizeof *storage)) {{ return 1; }}
 	if ({koop}_model_load(&rls, koop_model, sizeof koop_model)) {{ return 2; }}
 	{koop}_rls_get_theta(&rls, theta);

@@ -59,5 +59,7 @@ def test_pages_headers_and_messages_are_looked_at():
 
 @pytest.mark.parametrize("words", DIALECT)
 def test_dialect_stays_out(words):
-    found = [f"{path.relative_to(ROOT)}: {line.strip()}" for path in FILES for line in path.read_text().splitlines() if re.search(words, line)]
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()}" for path in FILES for line in path.read_text().splitlines() if re.search(words, line)
+    ]
     assert not found, f"write {DIALECT[words]}:\n" + "\n".join(found)

@@ -153,7 +153,9 @@ def _assurance(add):
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
     flags = add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
     flags.add_argument("--compiler", action="append", help="only this one of gcc, clang, clang-19, arm-none-eabi-gcc; may be given again")
-    flags.add_argument("--set", action="append", metavar="NAME", help="only these flags of test/flags/stacks.json, as PX4; may be given again")
+    flags.add_argument(
+        "--set", action="append", metavar="NAME", help="only these flags of test/flags/stacks.json, as PX4; may be given again"
+    )
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
 
 
@@ -186,7 +188,11 @@ def parser():
 
 def _options(a):
     """What a diagnosis of several logs passes on to those of each."""
-    given = [*(("--robot", a.robot) if a.robot else ()), *(("--fresh", str(a.fresh)) if a.fresh else ()), *(("--healthy", *map(str, a.healthy)) if a.healthy else ())]
+    given = [
+        *(("--robot", a.robot) if a.robot else ()),
+        *(("--fresh", str(a.fresh)) if a.fresh else ()),
+        *(("--healthy", *map(str, a.healthy)) if a.healthy else ()),
+    ]
     return [*given, *(part for name in a.without for part in ("--without", name))]
 
 
@@ -242,7 +248,7 @@ def dispatch(a):
             raise UserError("--mcap: the recording of one log; give one log")
         else:
             reports = several.run(a.log, out, _options(a), a.jobs, a.cluster)
-            return any([diagnose.exceeds(report, a.max_gap, log) for log, report in reports])  # each says so
+            return sum(diagnose.exceeds(report, a.max_gap, log) for log, report in reports) > 0  # each says so
     elif a.command == "robot":
         from .diagnose.robots import check, new
 
@@ -264,12 +270,14 @@ def dispatch(a):
             if a.robot not in own.ROBOTS:
                 raise UserError(f"--robot {a.robot}: no plant of its own; there are {', '.join(own.ROBOTS)}")
             campaign.run(a.out, a.robot, a.n, a.seed, a.cluster, a.jobs, update=a.update)
-            return
+            return None
         if a.inject:
             if a.platform != "fwmav":
                 raise UserError("--inject: only for flights of the flapping wing; add --platform fwmav")
+            if a.update:
+                raise UserError("--update: no page has figures of --inject; leave it out")
             injected.run(a.out, a.inject, a.jobs)
-            return
+            return None
         (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
     elif a.command == "size":
         from .firmware import size

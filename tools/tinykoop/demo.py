@@ -44,6 +44,4 @@ def run(out, log=None, update=False):
         write_bytes(pages.ROOT / "docs/gap.svg", picture(Teller(result).story()))
     if log:
         replay.run_log(log, out)
-    console.print(
-        f"\nResults and plots are in {out}: start with learn_error.png, windup_lanes.png and diagnose/report.html"
-    )
+    console.print(f"\nResults and plots are in {out}: start with learn_error.png, windup_lanes.png and diagnose/report.html")

@@ -105,7 +105,11 @@ def fuzz(target, seconds):
 
 def page(rows, seconds):
     """The table of docs/assurance.md."""
-    pairs = [("targets", len(rows)), ("inputs", f"{sum(row['executions'] for row in rows):,}"), ("findings", sum(row["findings"] for row in rows))]
+    pairs = [
+        ("targets", len(rows)),
+        ("inputs", f"{sum(row['executions'] for row in rows):,}"),
+        ("findings", sum(row["findings"] for row in rows)),
+    ]
     return pages.facts(f"`make fuzz SECONDS={seconds:g}`", pairs)
 
 

@@ -118,7 +118,9 @@ CHECKS = {
 
 def page(rows):
     """The table of docs/assurance.md."""
-    return pages.table("`make sanitize`", ["", "tests", "findings"], [[row["check"], f"{row['tests']:,}", len(row["findings"])] for row in rows])
+    return pages.table(
+        "`make sanitize`", ["", "tests", "findings"], [[row["check"], f"{row['tests']:,}", len(row["findings"])] for row in rows]
+    )
 
 
 def run(out, update=False):

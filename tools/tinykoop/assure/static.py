@@ -111,7 +111,16 @@ def eva_runs():
     for rate, vectors in itertools.product((0, 1), KERNELS):
         macros = {"CONTROLLER": 1, "LIFTED": 3, "INPUTS": 2, "HORIZON": 3, "METHOD": 1, "RATE": rate, "KOOP_VECTORS": vectors}
         runs[f"controller S={rate} vectors={vectors}"] = (EVA_CONTROLLER, macros | {"KOOP_MPC_MAX_GRADIENT": 3})
-    macros = {"SUPERVISOR": 1, "LIFTED": 2, "INPUTS": 1, "HORIZON": 2, "METHOD": 1, "RATE": 0, "KOOP_VECTORS": 0, "KOOP_MPC_MAX_GRADIENT": 3}
+    macros = {
+        "SUPERVISOR": 1,
+        "LIFTED": 2,
+        "INPUTS": 1,
+        "HORIZON": 2,
+        "METHOD": 1,
+        "RATE": 0,
+        "KOOP_VECTORS": 0,
+        "KOOP_MPC_MAX_GRADIENT": 3,
+    }
     runs["supervisor"] = (EVA_SUPERVISOR, macros | {"REGULATOR": "koopf_reg_ef", "FORM": "koopf_form_sqrt"})
     return runs
 

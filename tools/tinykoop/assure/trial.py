@@ -122,7 +122,7 @@ def judge_with(kernel, lib, units):
 
 
 def judge(mutant, kernels):
-    """"killed", "survived", "equivalent", or None where it does not compile."""
+    """ "killed", "survived", "equivalent", or None where it does not compile."""
     units = [precision + ("_supervisor" if mutant.file.endswith("/supervisor.c") else "") for precision in PRECISIONS]
     with TemporaryDirectory(dir=WORK) as folder:
         lib = Path(folder) / "lib"

@@ -5,8 +5,18 @@ from ..plumbing import pages
 from ..plumbing.results import number
 from .update import REPLAY_REGULATORS
 
-COLUMNS = {"float32 -O2": ("f32", "_O2"), "float32 -O3 native": ("f32", ""), "float64 -O2": ("f64", "_O2"), "float64 -O3 native": ("f64", "")}
-SOLVES = {"recovery cold": ("cold", ""), "recovery warm": ("warm", ""), "tracking cold": ("cold", ", tracking"), "tracking warm": ("warm", ", tracking")}
+COLUMNS = {
+    "float32 -O2": ("f32", "_O2"),
+    "float32 -O3 native": ("f32", ""),
+    "float64 -O2": ("f64", "_O2"),
+    "float64 -O3 native": ("f64", ""),
+}
+SOLVES = {
+    "recovery cold": ("cold", ""),
+    "recovery warm": ("warm", ""),
+    "tracking cold": ("cold", ", tracking"),
+    "tracking warm": ("warm", ", tracking"),
+}
 OURS = {"TinyKoop -O2": "", "TinyKoop -O3 native": "_O3", "TinyKoop -O2, without a matrix": ", gradient"}
 
 COLD_ONLY = "no warm start"
@@ -23,7 +33,9 @@ def update_table(rows):
     """ns of one update."""
     row = {r["task"]: r for r in rows}
     at = {name: [row[f"rls_update_{p}{s}{name}"] for p, s in COLUMNS.values()] for name in ("", "_sqrt", "_checked")}
-    python = {name: [row.get(f"rls_update_{p}_{name}") if s == "_O2" else None for p, s in COLUMNS.values()] for name in ("numpy", "padasip")}
+    python = {
+        name: [row.get(f"rls_update_{p}_{name}") if s == "_O2" else None for p, s in COLUMNS.values()] for name in ("numpy", "padasip")
+    }
     lines = [
         ["TinyKoop, any N and m", *(_cell(r, "ours") for r in at[""])],
         ["Eigen, sizes fixed at compile time", *(_cell(r, "peer") for r in at[""])],
@@ -40,12 +52,16 @@ def replay_table(rows):
     """Million samples per second of a whole replay."""
     row = {r["task"]: r for r in rows}
     sizes = sorted({int(task.split("_")[2][1:]) for task in row if task.startswith("replay_")})
-    columns = {f"N = {N}, {name}": f"replay_f32_N{N}_{{}}{suffix}" for N in sizes for name, suffix in (("plain", ""), ("square root", "_sqrt"))}
+    columns = {
+        f"N = {N}, {name}": f"replay_f32_N{N}_{{}}{suffix}" for N in sizes for name, suffix in (("plain", ""), ("square root", "_sqrt"))
+    }
     lines = [
         [scenario.LABELS[regulator], *(f"{row[task.format(regulator)]['samples_per_second'] / 1e6:.2f}" for task in columns.values())]
         for regulator in REPLAY_REGULATORS
     ]
-    return pages.table("Replay of a log from lift to update, float32 -O2, one core: million samples per second", ["regulator", *columns], lines)
+    return pages.table(
+        "Replay of a log from lift to update, float32 -O2, one core: million samples per second", ["regulator", *columns], lines
+    )
 
 
 def _peer(row):
@@ -57,7 +73,9 @@ def _peer(row):
 def solve_table(rows):
     """us of one solve by everyone, and the largest share of the nearest peer's time."""
     wanted = {name: f"qp_{mode}_1e-6_f64{{}}{kind}" for name, (mode, kind) in SOLVES.items()}
-    found = {name: [r for r in rows if r["task"] == task.format("") and not r["peer_name"].endswith(COLD_ONLY)] for name, task in wanted.items()}
+    found = {
+        name: [r for r in rows if r["task"] == task.format("") and not r["peer_name"].endswith(COLD_ONLY)] for name, task in wanted.items()
+    }
     labels = dict.fromkeys(_peer(r) for some in found.values() for r in some)
     lines = [[label, *(_cell(_ours(rows, task, suffix), "ours") for task in wanted.values())] for label, suffix in OURS.items()]
     for label in labels:

@@ -104,7 +104,7 @@ class Piqp(Peer):
 
 class Proxqp(Peer):
     package, label = "proxsuite", "ProxQP"
-    variants = {backend: _TIGHTER for backend in ("PrimalDualLDLT", "PrimalLDLT")}  # scaling H never paid
+    variants = dict.fromkeys(("PrimalDualLDLT", "PrimalLDLT"), _TIGHTER)  # scaling H never paid
     # its warm start takes no multipliers of a box: they can only be written where its last result stands
     warm_variants = {f"{backend}, {what}": _TIGHTER for backend in variants for what in ("from u", "from u, z")}
 
@@ -116,9 +116,7 @@ class Proxqp(Peer):
         self.H = np.empty((self.size, self.size))
         self.solvers = {}
         for backend in self.variants:
-            qp = proxqp.dense.QP(
-                self.size, 0, 0, True, proxqp.dense.HessianType.Dense, getattr(proxqp.dense.DenseBackend, backend)
-            )
+            qp = proxqp.dense.QP(self.size, 0, 0, True, proxqp.dense.HessianType.Dense, getattr(proxqp.dense.DenseBackend, backend))
             qp.settings.eps_rel = 0
             qp.settings.compute_timings = True
             qp.init(H=problem.H, g=problem.f, l_box=self.low, u_box=self.high)
@@ -333,7 +331,7 @@ class CvxpyPaper(Peer):
         self.step = instance.step if problem is instance.problem else instance.step_before
         self.options = {"solver": variant}
         if tolerance:
-            self.options |= {name: tolerance for name in ("tol_gap_abs", "tol_gap_rel", "tol_feas")}
+            self.options |= dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
 
     def solve(self):
         cp, mpc, step = self.cvxpy, self.mpc, self.step

@@ -295,10 +295,7 @@ def _name(peer, setting, mode):
 
 def rows_of(main, poly, facts):
     """All rows of bench.json. Tasks without suffix are ours at -O2, with condensing."""
-    flags = {
-        suffix: f"{f['compiler']} {f['flags']} -ffp-contract=off, ours condensing included"
-        for suffix, f in facts.items()
-    }
+    flags = {suffix: f"{f['compiler']} {f['flags']} -ffp-contract=off, ours condensing included" for suffix, f in facts.items()}
     rows = []
 
     def add(comparison, task, precision, method, suffix, mode, kind, accuracy, peers, **more):
@@ -367,10 +364,7 @@ def show(main):
         "state is weighted with their Riccati matrix, not with Q.",
     }
     for kind in KINDS:
-        rows = [
-            [label, *(_cell(main, who, mode, kind, accuracy) for mode, accuracy in columns)]
-            for label, who in _contenders(main)
-        ]
+        rows = [[label, *(_cell(main, who, mode, kind, accuracy) for mode, accuracy in columns)] for label, who in _contenders(main)]
         headers = ["", *(f"{mode} {accuracy}" for mode, accuracy in columns)]
         results.print_table(f"One solve, us: {main.descriptions[kind]}", headers, rows, notes[kind])
     for kind, mode in itertools.product(KINDS, MODES):

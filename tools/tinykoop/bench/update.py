@@ -147,9 +147,7 @@ def _measure(programs, peers):
 
 def fastest(times, program, precision):
     """The name of the Eigen form with the least median time."""
-    forms = [
-        key[3] for key in times if key[0] == program and key[2] == precision and key[3].startswith("Eigen")
-    ]
+    forms = [key[3] for key in times if key[0] == program and key[2] == precision and key[3].startswith("Eigen")]
     return min(forms, key=lambda who: statistics.median(times[program, "rls_update", precision, who]))
 
 
@@ -188,9 +186,7 @@ def rows_of(times, facts, versions):
                 ours = times[program, task, precision, "tinykoop"]
                 libm = times[program, task, precision, "libm"]
                 name = "libm, unchecked"
-                rows.append(
-                    compare(f"{task}_{precision}{suffix}", ours, libm, name, versions["libm"], both_flags)
-                )
+                rows.append(compare(f"{task}_{precision}{suffix}", ours, libm, name, versions["libm"], both_flags))
     flags = f"{facts['bench_O2']['compiler']} {facts['bench_O2']['flags']}, ours -ffp-contract=off"
     notes = {"NumPy": "", "padasip": " FilterRLS, 1 of 22 outputs"}
     for (program, _, precision, peer), values in times.items():
@@ -212,10 +208,7 @@ def show(rows):
     results.print_table(
         "One call, ns",
         ["task", "TinyKoop", "peer", "ratio", "peer's name", "version"],
-        [
-            [r["task"], f"{r['ours']:.0f}", f"{r['peer']:.0f}", f"{r['ratio']:.2f}", r["peer_name"], r["peer_version"]]
-            for r in rows
-        ],
+        [[r["task"], f"{r['ours']:.0f}", f"{r['peer']:.0f}", f"{r['ratio']:.2f}", r["peer_name"], r["peer_version"]] for r in rows],
         "ratio = peer / TinyKoop, median over repeats: above 1, TinyKoop is faster. No peer checks anything. "
         "health: with the health report; checked: P factored at every update; sqrt: square-root form; "
         "contract: TinyKoop compiled with -ffp-contract=fast.",
@@ -252,9 +245,7 @@ def plot(rows, path):
     axes.margins(y=0.25)
     axes.set_ylabel("ns per update (log scale)")
     axes.set_xticks(range(len(groups)), [f"{p}, {names[s]}" for p, s in groups])
-    axes.set_title(
-        f"One update of N = 22, m = 2: TinyKoop is {min(ratios):.2f} to {max(ratios):.2f} times as fast as Eigen"
-    )
+    axes.set_title(f"One update of N = 22, m = 2: TinyKoop is {min(ratios):.2f} to {max(ratios):.2f} times as fast as Eigen")
     axes.legend(ncols=3, fontsize=8, frameon=False)
     plots.save(figure, path)
 

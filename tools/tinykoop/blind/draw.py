@@ -30,10 +30,7 @@ def draw_confusion(out, rows):
     """True effect against first answer, single effects and healthy robots."""
     names = [*tiers.VOCABULARY, "none"]
     some = [row for row in rows if row["tier"] == "single" or row["tier"].startswith("none")]
-    answers = [
-        (row["truth"] or ["none"], "none" if row["verdict"] == "none" and not row["truth"] else row["answer"])
-        for row in some
-    ]
+    answers = [(row["truth"] or ["none"], "none" if row["verdict"] == "none" and not row["truth"] else row["answer"]) for row in some]
     extra = sorted({answer for _, answer in answers} - set(names))
     counts = np.zeros((len(names), len(names) + len(extra)))
     for truth, answer in answers:
@@ -95,9 +92,7 @@ def draw_ambiguity(out, rows):
         named = [row for row in some if row["named"]]
         size = np.mean([len({*row["named"], *row["ambiguous"]}) for row in named]) if named else np.nan
         kind = "rich" if tier == "single" else "poor"
-        ax.set_title(
-            f"{kind} drives: {np.trace(counts):.0f} of {len(some)} sets hold the truth, {number(size)} effects each"
-        )
+        ax.set_title(f"{kind} drives: {np.trace(counts):.0f} of {len(some)} sets hold the truth, {number(size)} effects each")
         ax.set_xlabel("named, or ambiguous with what is named (number of logs)")
     axes[0].set_ylabel("true effect")
     plots.save(figure, out / "blind_ambiguity.png")
@@ -117,9 +112,7 @@ def draw_verdicts(out, rows):
     wrong = score.figure(score.of(rows, *score.CLOSED), "false_unknown")
     shares = ["-" if f["value"] is None else f"{100 * f['value']:.0f} %" for f in (unseen, wrong)]
     ax.set_axisbelow(True)
-    ax.set_title(
-        f"Called unknown: {shares[0]} where the cause is in no library, {shares[1]} where it is or none is", pad=22
-    )
+    ax.set_title(f"Called unknown: {shares[0]} where the cause is in no library, {shares[1]} where it is or none is", pad=22)
     ax.invert_yaxis()
     ax.set_xlim(0, 1)
     ax.set_xlabel("share of logs (left_out without the exact aliases)")

@@ -77,7 +77,12 @@ def drives(results):
     ours = by[score.OURS]
     lines = drive_lines(ours)
     command = f"`make blind N={seal['n']} SEED={seal['seed']}`"
-    headers = ["", "balanced accuracy, known or unknown", f"poor drives named first, of {len(score.of(ours, 'poor'))}", "gap closed, fresh drive (%)"]
+    headers = [
+        "",
+        "balanced accuracy, known or unknown",
+        f"poor drives named first, of {len(score.of(ours, 'poor'))}",
+        "gap closed, fresh drive (%)",
+    ]
     first = pages.table(f"{command}: {len(ours)} drives", HEADERS, lines)
     pages.update("docs/diagnose.md", "blind", first + "\n" + pages.table("The same drives by peers", headers, peer_lines(by)))
     for name, line in (("blind-single", lines[0]), ("blind-healthy", lines[2])):
@@ -118,7 +123,12 @@ def robot(plant, rows, words, n, seed):
         some = [row for row in rows if row["tier"] == tier]
         if some:
             errors = [e for row in some for e in row["errors"]]
-            off, seconds = number(100 * float(np.median(errors)), 2) if errors else "-", number(float(np.median([row["seconds"] for row in some])), 2)
+            off, seconds = (
+                number(100 * float(np.median(errors)), 2) if errors else "-",
+                number(float(np.median([row["seconds"] for row in some])), 2),
+            )
             lines.append([name, len(some), sum(row["right"] for row in some), sum(row["sure_wrong"] for row in some), off, seconds])
     headers = ["effects", "logs", "right", f"wrong, confidence over {score.SURE}", "size off, median (%)", "time, median (s)"]
-    pages.update("docs/own-robot.md", f"blind-{plant.NAME}", pages.table(f"`make blind ROBOT={plant.NAME} N={n} SEED={seed}`", headers, lines))
+    pages.update(
+        "docs/own-robot.md", f"blind-{plant.NAME}", pages.table(f"`make blind ROBOT={plant.NAME} N={n} SEED={seed}`", headers, lines)
+    )

@@ -55,9 +55,7 @@ def load(work):
             raise UserError(f"{work / 'labels.json'}: its SHA-256 is not the sealed one; the labels were changed")
         labels = json.loads((work / "labels.json").read_text())
         runs = {
-            (who, log): json.loads((work / "reports" / who / f"{log}.json").read_text())
-            for who in seal["diagnosers"]
-            for log in labels
+            (who, log): json.loads((work / "reports" / who / f"{log}.json").read_text()) for who in seal["diagnosers"] for log in labels
         }
     except FileNotFoundError as error:
         raise UserError(f"{error.filename}: missing; the campaign was not finished, run `make blind` again")
@@ -88,10 +86,7 @@ class _Answer:
     def spans(self, name):
         """Where the effect is said to act; no segments: all the time."""
         return [
-            tuple(span)
-            for effect in self.effects
-            if effect["name"] == name
-            for span in effect.get("segments") or [(0.0, self.duration)]
+            tuple(span) for effect in self.effects if effect["name"] == name for span in effect.get("segments") or [(0.0, self.duration)]
         ]
 
     def matches(self, truth):
@@ -196,10 +191,7 @@ def _which(label, answer):
     """Marks on verdict, ranking and the set of effects."""
     truth, tier = label["truth"], label["tier"]
     allowed = set(tiers.EXACT) if label["alias"] else set() if tier in OPEN else set(truth)
-    statements = [
-        (float(e.get("confidence") or 0), any(answer.alike(e["name"], true) for true in allowed))
-        for e in answer.effects
-    ]
+    statements = [(float(e.get("confidence") or 0), any(answer.alike(e["name"], true) for true in allowed)) for e in answer.effects]
     marks = {"named": answer.names, "statements": statements}
     marks["confident_wrong"] = any(sure >= SURE and not right for sure, right in statements)
     marks["ambiguous"] = sorted(set().union(*(answer.ambiguous.get(name, set()) for name in answer.names)))
@@ -403,15 +395,8 @@ def summary(by):
             some = [row for row in of(rows, "single", "left_out", "single_other", "poor") if row["truth"] == [name]]
             for tier in sorted({row["tier"] for row in some}):
                 mark = "unknown" if tier in OPEN else "top1"
-                effects.append(
-                    {"who": who, "effect": name, "tier": tier, "figure": mark, **figure(of(some, tier), mark)}
-                )
-    failures = [
-        {key: row[key] for key in ("who", "log", "tier", "failure")}
-        for rows in by.values()
-        for row in rows
-        if row["failure"]
-    ]
+                effects.append({"who": who, "effect": name, "tier": tier, "figure": mark, **figure(of(some, tier), mark)})
+    failures = [{key: row[key] for key in ("who", "log", "tier", "failure")} for rows in by.values() for row in rows if row["failure"]]
     return {
         "must_hold": must_hold(by),
         "figures": figures,

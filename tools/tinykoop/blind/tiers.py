@@ -231,9 +231,7 @@ def draw(tier, seed, k):
         acting = causes(random, tier, seed, k, u, dt)
         there = _along(acting, (rows - 1) * dt)
         log, fresh = _recording(random, u, dt, acting, noise), _recording(random, fresh_u, dt, there, noise)
-        if tier == "poor" or tier.startswith("none") or (
-            _visible(log, dt, acting, random) and _visible(fresh, dt, there, random)
-        ):
+        if tier == "poor" or tier.startswith("none") or (_visible(log, dt, acting, random) and _visible(fresh, dt, there, random)):
             break
     else:
         raise RuntimeError(f"{tier} {k}: no drive in {attempt + 1} shows {[c.name for c in acting]}")

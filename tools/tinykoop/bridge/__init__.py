@@ -1,6 +1,6 @@
 """The simulator and the estimators of host_sim/, through its one C interface."""
 
-from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Supervisor, Mpc, Solution
+from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Mpc, Solution, Supervisor
 from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, simulate, windows
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll

@@ -11,7 +11,14 @@ EULER, MIDPOINT, ARC, SEMI_IMPLICIT = 0, 1, 2, 3  # integrators; the paper's is 
 
 
 class _Recording(ct.Structure):
-    _fields_ = [("rows", ct.c_size_t), ("dt", ct.c_double), ("x", ct.c_void_p), ("u", ct.c_void_p), ("usable", ct.c_void_p), ("warm_up", ct.c_size_t)]
+    _fields_ = [
+        ("rows", ct.c_size_t),
+        ("dt", ct.c_double),
+        ("x", ct.c_void_p),
+        ("u", ct.c_void_p),
+        ("usable", ct.c_void_p),
+        ("warm_up", ct.c_size_t),
+    ]
 
 
 def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):

@@ -8,7 +8,17 @@ from .library import call
 class _Storage(ct.Structure):
     _fields_ = [
         (name, ct.c_size_t)
-        for name in ("learner_sqrt", "learner_plain", "gate_sqrt", "gate_plain", "mpc_newton", "mpc_gradient", "mpc_rate", "supervisor", "model")
+        for name in (
+            "learner_sqrt",
+            "learner_plain",
+            "gate_sqrt",
+            "gate_plain",
+            "mpc_newton",
+            "mpc_gradient",
+            "mpc_rate",
+            "supervisor",
+            "model",
+        )
     ]
 
 

@@ -47,8 +47,7 @@ def choose(log, columns, maps=()):
         )
     for topics, wanted in several.items():
         raise UserError(
-            f"{log.path}: {', '.join(wanted)} could be from {' or '.join(topics)}: "
-            f"choose with --map {','.join(wanted)}={topics[0]}"
+            f"{log.path}: {', '.join(wanted)} could be from {' or '.join(topics)}: choose with --map {','.join(wanted)}={topics[0]}"
         )
     return chosen
 

@@ -42,9 +42,7 @@ def blocks(path, damaged):
     names, _ = table.header(path)
     variables = [name for name in names[1:] if VARIABLE.fullmatch(name)]
     if not variables:
-        raise UserError(
-            f"{path}:1: a time in ms and columns GROUP.NAME were expected, as cfclient writes; there are {listed(names)}"
-        )
+        raise UserError(f"{path}:1: a time in ms and columns GROUP.NAME were expected, as cfclient writes; there are {listed(names)}")
     data = table.read(path, [names[0], *variables], damaged)
     good = np.isfinite(data[names[0]])
     if good.sum() < 2:

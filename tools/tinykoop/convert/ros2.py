@@ -28,7 +28,7 @@ USUAL = {
     "omega": tuple(f"{kind}.{at}angular.z" for kind, at in _TWIST.items()),
     **{f"g{axis}": (f"sensor_msgs/Imu.angular_velocity.{axis}",) for axis in "xyz"},
     **{f"a{axis}": (f"sensor_msgs/Imu.linear_acceleration.{axis}",) for axis in "xyz"},
-    **{name: (*_ATTITUDE, "sensor_msgs/Imu.orientation") for name in ("pitch", "roll", "yaw")},
+    **dict.fromkeys(("pitch", "roll", "yaw"), (*_ATTITUDE, "sensor_msgs/Imu.orientation")),
     "u": ("std_msgs/Float64.data", "std_msgs/Float32.data"),
 }
 NUMBERS = re.compile(r"(u?int|float)\d+|bool|byte|char")

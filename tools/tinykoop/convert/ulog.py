@@ -30,7 +30,7 @@ USUAL = {
     ),
     **{f"g{axis}": (f"sensor_combined.gyro_rad[{i}]",) for i, axis in enumerate("xyz")},
     **{f"a{axis}": (f"sensor_combined.accelerometer_m_s2[{i}]",) for i, axis in enumerate("xyz")},
-    **{name: ("vehicle_attitude.q",) for name in ("pitch", "roll", "yaw")},
+    **dict.fromkeys(("pitch", "roll", "yaw"), ("vehicle_attitude.q",)),
     "u": (
         "vehicle_torque_setpoint.xyz[1]", "actuator_controls_0.control[1]", "vehicle_rates_setpoint.pitch",
         "actuator_motors.control[0]",
@@ -108,6 +108,7 @@ class ULogLog(Log):
         log = self.parse(sorted({topic for topic, _ in topics.values()}))
         data = {(d.name, d.multi_id): d.data for d in log.data_list}
         return {name: series(name, data.get(topics[name], {}), name in commands) for name in names}
+
 
 def series(name, table, command):
     """Series of one field of a topic's table."""

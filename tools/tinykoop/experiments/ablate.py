@@ -127,10 +127,7 @@ def report(delta, rollout):
     print_table(
         "Rollouts of a frozen model: mean state error (m, rad) after h steps",
         ["method", *[f"h = {h}" for h in scenario.HORIZONS]],
-        [
-            [scenario.Method(r["dictionary"], r["regulator"]).label, *[number(v) for v in r["rollout_error"].values()]]
-            for r in rollout
-        ],
+        [[scenario.Method(r["dictionary"], r["regulator"]).label, *[number(v) for v in r["rollout_error"].values()]] for r in rollout],
         "Paper at 1 and 50 steps: RBF (DZ-CS) 8.84e-4, 0.321; RBF (SIFt) 3.94e-3, 0.171; Poly (SIFt) -, 0.180.",
     )
 

@@ -143,7 +143,9 @@ def draw_paths(out, x, traces):
 
 def draw_error(out, t, traces):
     """(b): one-step error over time."""
-    figure, axes = _panels("While friction acts, the offline model errs at least three times as much as any regulated one; vanilla RBF breaks")
+    figure, axes = _panels(
+        "While friction acts, the offline model errs at least three times as much as any regulated one; vanilla RBF breaks"
+    )
     for method, trace in traces.items():
         for name in ("poly", "rbf") if method.regulator == "offline" else (method.dictionary,):
             axes[name].semilogy(t, plots.smooth(trace["error"]), lw=1.2, label=method.label, **plots.STYLES[method.regulator])

@@ -1,9 +1,9 @@
 """The paper's claims against our figures: each with the command that makes them, and a verdict that is computed.
 
-    holds                   our figures bear it out
-    differs                 they point the same way, and are off by more than is tolerated
-    contradicted            they say the opposite
-    cannot be reproduced    a figure that follows from what the paper leaves open
+holds                   our figures bear it out
+differs                 they point the same way, and are off by more than is tolerated
+contradicted            they say the opposite
+cannot be reproduced    a figure that follows from what the paper leaves open
 """
 
 import json
@@ -49,7 +49,6 @@ class Results:
         rows = self.rows("transfer", source=source, direction=direction, calibrated=False)
         return {(row["dictionary"], row["regulator"]): row["mean_error"] for row in rows if math.isfinite(row["mean_error"] or math.nan)}
 
-
     def on_flights(self, figure):
         """(what is said, verdict) of figure(source) -> (said, verdict): that of simulated flights; real ones are told if there are any."""
         sources = dict.fromkeys([SIMULATED, *(row["source"] for row in self.rows("transfer"))])
@@ -83,7 +82,9 @@ def _explosion(r):
 def _skipping(r):
     less = {d: 1 - e["dz_cs"] / e["dz_ks"] for d in ("rbf", "poly") for e in (r.errors("learn", d),)}
     close = abs(less["rbf"] - 0.767) < 0.05 and abs(less["poly"] - 0.015) < 0.05
-    return f"{_percent(less['rbf'])} (RBF), {_percent(less['poly'])} (Poly)", HOLDS if close else DIFFERS if min(less.values()) > 0 else CONTRADICTED
+    return f"{_percent(less['rbf'])} (RBF), {_percent(less['poly'])} (Poly)", HOLDS if close else DIFFERS if min(
+        less.values()
+    ) > 0 else CONTRADICTED
 
 
 def _safeguard(r):
@@ -163,7 +164,9 @@ def _best(r, source):
         mean = _averages(r, dictionary, source)
         best = min(REGULATED, key=mean.get)
         right.append(best == "ct")
-        said.append(f"{_name((dictionary, best))} {_percent(1 - mean[best] / mean['ct'])} below CT, {_percent(1 - mean[best] / mean['ef'])} below vanilla")
+        said.append(
+            f"{_name((dictionary, best))} {_percent(1 - mean[best] / mean['ct'])} below CT, {_percent(1 - mean[best] / mean['ef'])} below vanilla"
+        )
     return "; ".join(said), HOLDS if all(right) else CONTRADICTED
 
 
@@ -175,7 +178,9 @@ def _tracking(r):
 
 def _fallback(r):
     (row,) = r.rows("control", dictionary="rbf", regulator="ef")
-    return f"{_percent(row['fallback_rate'])} fallback, error {number(row['mean_error'])}", HOLDS if row["fallback_rate"] > 0.95 else DIFFERS
+    return f"{_percent(row['fallback_rate'])} fallback, error {number(row['mean_error'])}", HOLDS if row[
+        "fallback_rate"
+    ] > 0.95 else DIFFERS
 
 
 def _poly_control(r):
@@ -255,7 +260,11 @@ CLAIMS = (
     ("With Poly, CT and SIFt are less accurate than vanilla", "learn", _safeguard),
     ("Thresholds 0.003, 0.01, 0.03 skip 69.9, 97.7, 99.5 % with errors 1.52, 1.07, 5.58e-3", "ablate", _threshold),
     ("27 constant-trace settings: a larger trace often lowers the error and worsens the condition", "ablate", _traces),
-    ("With constant trace the norm of P is at most tau0, the gain at most tau0 times the regressor's norm / lambda", "ablate", _trace_bounds),
+    (
+        "With constant trace the norm of P is at most tau0, the gain at most tau0 times the regressor's norm / lambda",
+        "ablate",
+        _trace_bounds,
+    ),
     ("The one-step ranking does not persist: SIFt has the best 50-step error (0.180, 0.171)", "ablate", _horizon),
     ("Across flight regimes every online method improves on the offline model, by 22.6 to 41.4 %", "transfer", _shift),
     ("Within pitch flights (P->P) offline RBF is the best of all", "transfer", _within_regime),
@@ -276,7 +285,9 @@ CLAIMS = (
 def judged(out):
     """[{claim, command, ours, verdict}]."""
     results = Results(out)
-    return [dict(zip(("claim", "command", "ours", "verdict"), (text, f"make {command}", *judge(results)))) for text, command, judge in CLAIMS]
+    return [
+        dict(zip(("claim", "command", "ours", "verdict"), (text, f"make {command}", *judge(results)))) for text, command, judge in CLAIMS
+    ]
 
 
 def run(out, update=False):
@@ -290,6 +301,8 @@ def run(out, update=False):
     if update:
         pages.update("docs/paper.md", "ledger", pages.table("The paper's claims and our figures", HEADERS, lines, "---"))
     page = (pages.ROOT / "docs/paper.md").read_text()
-    changed = [row["claim"] for row in rows if not any(row["claim"] in line and f"| {row['verdict']} |" in line for line in page.splitlines())]
+    changed = [
+        row["claim"] for row in rows if not any(row["claim"] in line and f"| {row['verdict']} |" in line for line in page.splitlines())
+    ]
     if changed:
         raise UserError(f"docs/paper.md: other verdicts than those measured (make ledger UPDATE=1 updates them): {'; '.join(changed)}")

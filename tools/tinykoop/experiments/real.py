@@ -71,7 +71,14 @@ def float32_page(replays):
         methods, grown, lost, worst = _float32(rows)
         steps = next(row["steps"] for row in rows if "steps" in row)
         lines.append([f"`{rows[0]['source']}`", f"{steps:,}", methods, grown, lost, f"{worst:.3f}"])
-    headers = ["log", "steps scored", "methods", f"plain: error over {replay.DIVERGED} times as large", "plain: P lost", "square root: error, max ratio"]
+    headers = [
+        "log",
+        "steps scored",
+        "methods",
+        f"plain: error over {replay.DIVERGED} times as large",
+        "plain: P lost",
+        "square root: error, max ratio",
+    ]
     return pages.table("`make real`: float32 against float64", headers, lines)
 
 
@@ -82,7 +89,10 @@ def gate_page(replays):
     pairs = [("logs", len(replays)), ("logs times methods", len(grown))]
     for name in ("doubtful", "refuse"):
         share = 100 * np.array([t[name] for t in trust])
-        pairs += [(f"samples called {name}, median (%)", number(float(np.median(share)), 2)), ("the same, max (%)", number(float(share.max()), 2))]
+        pairs += [
+            (f"samples called {name}, median (%)", number(float(np.median(share)), 2)),
+            ("the same, max (%)", number(float(share.max()), 2)),
+        ]
     pairs += [
         ("one-step error with the gate over that without, median", f"{np.median(grown):.3f}"),
         ("at most 1.1 times as large, of these", int(np.sum(grown <= 1.1))),
@@ -96,7 +106,15 @@ def gap_page(rows):
     lines = []
     for row in rows:
         before, closed = row["gap"]["before"]["50"], row["gap"]["closed_fraction"]["50"]
-        lines.append([f"`{row['log']}`", row["verdict"], ", ".join(row["fit"]) or "-", number(before, 2), number(None if closed is None else 100 * closed, 2)])
+        lines.append(
+            [
+                f"`{row['log']}`",
+                row["verdict"],
+                ", ".join(row["fit"]) or "-",
+                number(before, 2),
+                number(None if closed is None else 100 * closed, 2),
+            ]
+        )
     headers = ["log", "verdict", "effects, or the best fit", "error 50 steps ahead (m)", "closed (%)"]
     return pages.table("`make real`: drives of others", headers, lines)
 

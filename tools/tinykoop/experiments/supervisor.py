@@ -272,9 +272,7 @@ def draw_campaign(out, rows):
     """Mean error of every run, in order of size."""
     figure, ax = plots.subplots(figsize=(8, 4))
     lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("without_supervisor", "supervised")}
-    ax.set_title(
-        f"Of {len(rows)} random runs {lost['without_supervisor']} are lost without the supervisor, {lost['supervised']} with it"
-    )
+    ax.set_title(f"Of {len(rows)} random runs {lost['without_supervisor']} are lost without the supervisor, {lost['supervised']} with it")
     styles = {"without_supervisor": dict(color="#d62728", marker="x"), "offline": dict(color="#999999", marker="."),
               "supervised": dict(color="#08306b", marker="o", mfc="none")}  # fmt: skip
     labels = {"without_supervisor": "online model, no supervisor", "offline": "offline model alone", "supervised": "with supervisor"}
@@ -295,16 +293,12 @@ def draw_timeline(out):
     traces = {}
     for name, supervisor in (("no supervisor", None), ("supervised", bridge.Supervisor(theta_of_many_drives("rbf")))):
         estimator = start("rbf", "ef", 64, "plain", "carried over")
-        traces[name] = estimator.control(
-            MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), supervisor=supervisor
-        )
+        traces[name] = estimator.control(MPC, path, scenario.DT, STEPS, path[0], scenario.effects(control.EDGES), supervisor=supervisor)
     t = np.arange(STEPS) * scenario.DT
     figure, axes = plots.subplots(3, 1, figsize=(9, 6), sharex=True, height_ratios=(1.2, 2, 2))
     model = traces["supervised"]["model"]
     mean = np.linalg.norm(traces["supervised"]["x"][1:] - path[1 : STEPS + 1], axis=1).mean()
-    figure.suptitle(
-        f"Vanilla RBF, ruined before the start: the supervisor keeps to the path (mean error {mean:.3f})", x=0.01, ha="left"
-    )
+    figure.suptitle(f"Vanilla RBF, ruined before the start: the supervisor keeps to the path (mean error {mean:.3f})", x=0.01, ha="left")
     axes[0].step(t, model, where="post", color="#08306b", lw=1)
     axes[0].set_yticks(range(3), bridge.MODELS[:3])
     axes[0].set_ylim(3.9, -0.4)

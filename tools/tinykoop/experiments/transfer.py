@@ -72,9 +72,7 @@ def joined(logs, cutoff=CUTOFF):
     """One Flight of several logs of the same regime."""
     parts = [filtered(log, cutoff) for log in logs]
     usable = [np.append(log.usable, False) for log in logs]
-    return Flight(
-        np.concatenate([x for x, _ in parts]), np.concatenate([u for _, u in parts]), np.concatenate(usable)[:-1], logs[0].dt
-    )
+    return Flight(np.concatenate([x for x, _ in parts]), np.concatenate([u for _, u in parts]), np.concatenate(usable)[:-1], logs[0].dt)
 
 
 def read(folder):
@@ -235,7 +233,9 @@ def report(name, rows):
         )
         if skip:
             own = chosen(rows, method, calibrated=True)
-            calibrations.append([method.label, *[f"{number(row['mean_error'])}, {100 * row['skip_rate']:.0f} %, {number(row['delta'])}" for row in own]])
+            calibrations.append(
+                [method.label, *[f"{number(row['mean_error'])}, {100 * row['skip_rate']:.0f} %, {number(row['delta'])}" for row in own]]
+            )
     stays = [row["stays"] for row in chosen(rows, scenario.METHODS[0])]
     errors.insert(0, [replay.NOTHING, *[number(error) for error in stays]])
     print_table(
@@ -299,7 +299,9 @@ def draw_time(out, name, flights, traces):
     figure, (top, bottom) = plots.subplots(2, 1, figsize=(10, 6), sharex=True)
     largest = {m: np.nanmax(traces[direction, m]["norm_p"]) for m in scenario.METHODS if m.regulator not in ("offline", "ef")}
     figure.suptitle(
-        f"{name}: a model of pitch manoeuvres meets yaw manoeuvres; regulated |P| stays below {max(largest.values()):.1g}", x=0.01, ha="left"
+        f"{name}: a model of pitch manoeuvres meets yaw manoeuvres; regulated |P| stays below {max(largest.values()):.1g}",
+        x=0.01,
+        ha="left",
     )
     for method in scenario.METHODS:
         if method.dictionary != "rbf":

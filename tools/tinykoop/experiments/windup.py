@@ -162,7 +162,13 @@ def ends(rows, curves, soaks):
             (soaked,) = [s for s in soaks if (s["precision"], s["form"]) == (name, form)]
             steps = [row["lost_positive_definite_at"], curves[form, precision][1], soaked["non_finite_at"]]
             gone = soaked["non_finite_at"] is not None
-            lines.append([f"{form}, float{precision}", *["-" if k is None else f"{k:,}" for k in steps], "-" if gone else number(soaked["theta_error"], 1)])
+            lines.append(
+                [
+                    f"{form}, float{precision}",
+                    *["-" if k is None else f"{k:,}" for k in steps],
+                    "-" if gone else number(soaked["theta_error"], 1),
+                ]
+            )
     headers = ["", "vanilla RBF: not positive definite", "not finite", "2,000,000 excited updates: not finite", "relative error of Theta"]
     return headers, lines
 
@@ -199,7 +205,13 @@ def report(rows, curves, soaks):
         "Soak: 2,000,000 updates with persistent excitation, lambda 0.98, d = 24",
         ["form", "P indefinite at", "non-finite at", "refused", "|Theta - true| / |true|"],
         [
-            [f"{r['precision']} {r['form']}", _event(r, "lost_positive_definite_at"), _event(r, "non_finite_at"), r["refused"], number(r["theta_error"])]
+            [
+                f"{r['precision']} {r['form']}",
+                _event(r, "lost_positive_definite_at"),
+                _event(r, "non_finite_at"),
+                r["refused"],
+                number(r["theta_error"]),
+            ]
             for r in soaks
         ],
     )
@@ -247,9 +259,7 @@ def draw_lanes(out, rows):
     places = [i + REGULATORS.index(lane[0]) for i, lane in enumerate(lanes)]
     axes[0].set_yticks(places, [f"{form} f{precision}" for _, form, precision in lanes], fontsize=7)
     for g, regulator in enumerate(REGULATORS):
-        axes[1].annotate(
-            scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9
-        )
+        axes[1].annotate(scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9)
     axes[0].invert_yaxis()
     patch = plots.patches().Patch
     keys = [
@@ -299,7 +309,9 @@ def _ellipse(P, i, j):
 def draw_ellipsoids(out, found):
     """The paper's illustration, from runs: P over two coordinates of zeta, with forgetting and without."""
     figure, axes = plots.subplots(1, 2, figsize=(10, 4.6))
-    figure.suptitle("Covariance ellipsoids of RBF: with forgetting the idle axis grows, without it the excited axes vanish", x=0.01, ha="left")
+    figure.suptitle(
+        "Covariance ellipsoids of RBF: with forgetting the idle axis grows, without it the excited axes vanish", x=0.01, ha="left"
+    )
     panels = (("ef", IDLE, "first radial basis function (1)", "$\\lambda$ = 0.98: idle axis"),
               ("none", OMEGA, "turn rate $\\omega$ (s/rad)", "$\\lambda$ = 1: excited axis"))  # fmt: skip
     for ax, (regulator, other, label, title) in zip(axes, panels):

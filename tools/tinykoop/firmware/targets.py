@@ -37,9 +37,21 @@ LEFT_OUT = (
     (".*", "elementary_koopd", "holds against long double, which is no wider than double there, or computed in software"),
     ("(?!cortex-m7)", "supervisor_koopf", "dozens of closed loops, a minute or more: run on one target"),
     (".*", "supervisor_koopd", "the same, and the code is supervisor_koopf's"),
-    ("rv32imafc", "long_run_koopf", "compares in double, which is computed in software: half a minute; it is so on the M4F too, where this runs"),
-    ("(?!cortex-m7)", "(regulators|covariance|long_run|mpc|mpc_limits|refusal|extremes|gate|flips)_koopd", "double is computed in software, minutes under emulation"),
-    ("(?!cortex-m7)", "(mpc_steps|mpc_factor|mpc_round_off|gate_rules|supervisor_reference|forms)_koopd", "the same, or exceeds the M4F's RAM"),
+    (
+        "rv32imafc",
+        "long_run_koopf",
+        "compares in double, which is computed in software: half a minute; it is so on the M4F too, where this runs",
+    ),
+    (
+        "(?!cortex-m7)",
+        "(regulators|covariance|long_run|mpc|mpc_limits|refusal|extremes|gate|flips)_koopd",
+        "double is computed in software, minutes under emulation",
+    ),
+    (
+        "(?!cortex-m7)",
+        "(mpc_steps|mpc_factor|mpc_round_off|gate_rules|supervisor_reference|forms)_koopd",
+        "the same, or exceeds the M4F's RAM",
+    ),
 )
 
 # What lib/ may ask of its surroundings in float32. Not on the list: any double arithmetic, heap, printing.

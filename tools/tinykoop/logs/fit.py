@@ -29,8 +29,7 @@ def run(path, target, dictionary="rbf", precision=32, platform=None, p0=1e4):
     stored.theta = fitted.theta
     model = stored.model()
     comment = (
-        f"TinyKoop model: {dictionary}_{platform}, float{precision}, N = {fitted.N}, m = {fitted.m}, "
-        f"fitted on {printable(Path(path).name)}"
+        f"TinyKoop model: {dictionary}_{platform}, float{precision}, N = {fitted.N}, m = {fitted.m}, fitted on {printable(Path(path).name)}"
     )
     if target.suffix == ".h":
         write_bytes(target, header(model, "koop_model", comment).encode())

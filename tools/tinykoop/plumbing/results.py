@@ -153,7 +153,13 @@ def number(value, digits=3):
 def print_table(title, headers, rows, note=""):
     """A table whose first column is text and whose others are figures."""
     table = Table(
-        title=f"\n{title}", caption=note, title_justify="left", caption_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+        title=f"\n{title}",
+        caption=note,
+        title_justify="left",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
     )
     for i, header in enumerate(headers):
         table.add_column(header, justify="right" if i else "left", no_wrap=True)

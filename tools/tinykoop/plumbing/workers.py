@@ -18,7 +18,9 @@ def workers(cluster=None, jobs=None):
     try:
         from distributed import Client
     except ImportError:
-        raise UserError("--cluster: the package distributed is missing; install it: build/venv/bin/pip install -r tools/requirements-blind.txt")
+        raise UserError(
+            "--cluster: the package distributed is missing; install it: build/venv/bin/pip install -r tools/requirements-blind.txt"
+        )
     try:
         client = Client(cluster, timeout=10)
     except (OSError, ValueError) as error:

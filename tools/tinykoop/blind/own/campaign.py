@@ -1,8 +1,8 @@
 """Draws logs of one robot, seals what is in them, has them diagnosed and scores the reports.
 
-    blind_NAME/labels.json      the truth, with its SHA-256 in seal.json, written before any diagnosis
-    blind_NAME/logs, reports
-    blind_NAME.json             figures and rows, written last
+blind_NAME/labels.json      the truth, with its SHA-256 in seal.json, written before any diagnosis
+blind_NAME/logs, reports
+blind_NAME.json             figures and rows, written last
 """
 
 import csv
@@ -114,7 +114,9 @@ def _campaign(out, plant, n, seed, cluster, jobs, tiers):
         labels = {name: drawn[name][0] for name in sorted(drawn)}
         write_json(work / "labels.json", labels)
         write_json(work / "seal.json", {"sha256": score.digest(work / "labels.json"), "seed": seed, "n": n})
-        console.print(f"{len(labels)} logs, seed {seed}. The labels are sealed: SHA-256 {score.digest(work / 'labels.json')}", soft_wrap=True)
+        console.print(
+            f"{len(labels)} logs, seed {seed}. The labels are sealed: SHA-256 {score.digest(work / 'labels.json')}", soft_wrap=True
+        )
         for name in labels:
             write(logs / f"{name}.csv", plant, drawn[name][1])
         command = Command((*DIAGNOSE, "--robot", EXAMPLES / plant.FILE))
@@ -162,7 +164,9 @@ def draw_answers(out, plant, rows):
     """True effect against what is named first."""
     some = [row for row in rows if row["tier"] in ("none", "single", "unknown")]
     truths = ["none", *plant.KNOWN, *plant.UNKNOWN]
-    answers = sorted({_answer(row) for row in some} | {"none", "unknown"}, key=lambda a: (a not in truths, truths.index(a) if a in truths else a))
+    answers = sorted(
+        {_answer(row) for row in some} | {"none", "unknown"}, key=lambda a: (a not in truths, truths.index(a) if a in truths else a)
+    )
     counts = np.zeros((len(truths), len(answers)))
     for row in some:
         counts[truths.index((row["truth"] or ["none"])[0]), answers.index(_answer(row))] += 1

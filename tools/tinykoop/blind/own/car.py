@@ -23,7 +23,7 @@ UNKNOWN = {"understeer": (0.15, 0.4), "side_slip": (0.08, 0.2), "turning_slows":
 # larger speed on a map that is drawn smaller.
 _TURNS = ("gain:steering", "parameter:wheelbase", "gain:speed", "scale:px", "scale:py", "clock")
 _LATE = ("delay:steering", "delay:speed", "delay:all")
-ALIKE = {name: _TURNS for name in _TURNS} | {name: _LATE for name in _LATE}
+ALIKE = dict.fromkeys(_TURNS, _TURNS) | dict.fromkeys(_LATE, _LATE)
 SIGNED = ("gain", "bias", "parameter", "cross", "slope", "side_slip")
 
 

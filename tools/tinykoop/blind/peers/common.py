@@ -160,7 +160,7 @@ class Fit:
         """prior: standard deviation of the coordinates about zero (None: none); begin: {name: coordinates}."""
         table = bridge.effects()
         self.data, self.names, self.steps, self.prior = data, tuple(names), steps, prior
-        self.rows = {name: [row for row in table[name][1]] for name in self.names}
+        self.rows = {name: list(table[name][1]) for name in self.names}
         self.places = [(n, i) for n in self.names for i, r in enumerate(self.rows[n]) if r[0] not in _FIXED.get(n, ())]
         self.amplitude = np.array([self.rows[n][i][0] not in _SHAPE.get(n, ()) for n, i in self.places], bool)
         self.starts = data.starts(data.fit, steps, stride)

@@ -73,5 +73,5 @@ def peer(log_path, fresh_path=None, without=()):
         verdict = "unknown"
     confidence = {name: 1 - min(1, len(library) * np.exp(tests[name])) for name in fit.names}
     # behind those that stayed the others, the last to leave first
-    ranking = {name: -99.0 for name in library} | left_at | {name: -tests[name] for name in fit.names}
+    ranking = dict.fromkeys(library, -99.0) | left_at | {name: -tests[name] for name in fit.names}
     return common.report(data, model, fresh_path, verdict, fit.effects(confidence), ranking)

@@ -130,14 +130,10 @@ def peer(log_path, fresh_path=None, without=()):
         for cause in set(causes) - {""}:
             own = causes == cause
             scores[cause] = scores.get(cause, 0) + _loss(A, y / spread, found != 0, own)
-            terms.setdefault(cause, {}).update(
-                {(channel, names[i]): coefficients[channel, i] for i in np.flatnonzero(own)}
-            )
+            terms.setdefault(cause, {}).update({(channel, names[i]): coefficients[channel, i] for i in np.flatnonzero(own)})
             # rows drawn again: how often the terms still pay
             drawn = (random.integers(0, len(y), len(y)) for _ in range(_BAGS))
-            pays = [
-                _loss(A[rows], y[rows] / spread, found != 0, own) > 2 * np.sum(own) * np.log(len(y)) for rows in drawn
-            ]
+            pays = [_loss(A[rows], y[rows] / spread, found != 0, own) > 2 * np.sum(own) * np.log(len(y)) for rows in drawn]
             often[cause] = max(often.get(cause, 0), np.mean(pays))
     model = _Sparse(coefficients)
     nameless = scores.pop(None, 0)
@@ -152,7 +148,7 @@ def peer(log_path, fresh_path=None, without=()):
          "segments": [list(map(float, data.span))]}
         for name in sorted(chosen, key=scores.get, reverse=True)
     ]  # fmt: skip
-    ranking = {name: 0.0 for name in common.candidates(without)} | scores
+    ranking = dict.fromkeys(common.candidates(without), 0.0) | scores
     return common.report(data, model, fresh_path, verdict, effects, ranking)
 
 

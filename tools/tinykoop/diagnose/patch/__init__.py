@@ -1,6 +1,7 @@
 """The fix handed back: what a report found, as a change of the file that holds the simulator's numbers."""
 
 import difflib
+import hashlib
 import json
 from pathlib import Path
 
@@ -15,6 +16,7 @@ WRITERS = {
     ".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".urdf": urdf, ".xacro": urdf, ".sdf": sdf, ".py": python, ".c": c,
 }  # fmt: skip
 NEW = (python, c)  # a file that is not there yet is begun
+COMMENT = {".c": "/* {} */"} | dict.fromkeys((".xml", ".urdf", ".xacro", ".sdf"), "<!-- {} -->")
 
 
 def _report(path):
@@ -46,7 +48,15 @@ def patched(report, path):
         text = path.read_text() if path.exists() or writer not in NEW else ""
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read ({error})") from error
-    return text, writer.patched(text, report, path)
+    mark = COMMENT.get(path.suffix, "# {}").format(f"tinykoop patch {_key(report)}")
+    if mark in text:
+        raise UserError(f"{path}: has the effects of this report already ({mark}); diagnose a new log with it")
+    return text, f"{writer.patched(text, report, path).rstrip(chr(10))}\n{mark}\n"
+
+
+def _key(report):
+    """What distinguishes a report: its effects, which a file shall get once."""
+    return hashlib.sha256(json.dumps(report["effects"], sort_keys=True).encode()).hexdigest()[:12]
 
 
 def difference(text, new, name):

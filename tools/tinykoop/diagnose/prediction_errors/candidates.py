@@ -92,7 +92,9 @@ def _onset(beside, effect, price):
     trials = [Cause(effect.name, start, ((float(path.t[middle]), np.inf),)) for start in effect.starts]
     marks = beside.fitter.whiten(*spans.beside(path, fit.causes, [(*fit.causes, c) for c in trials])).reshape(K, -1, len(trials))[rows]
     left = beside.left.reshape(K, -1)
-    slopes = np.stack([sum(np.correlate(left[:, c], mark[:, c], "valid") for c in range(left.shape[1])) for mark in np.moveaxis(marks, 2, 0)], 1)
+    slopes = np.stack(
+        [sum(np.correlate(left[:, c], mark[:, c], "valid") for c in range(left.shape[1])) for mark in np.moveaxis(marks, 2, 0)], 1
+    )
     weights = -np.linalg.solve(np.einsum("kcp,kcq->pq", marks, marks) + 1e-12 * np.eye(len(trials)), slopes.T).T
     gains = -(weights * slopes).sum(1)
     k = int(gains.argmax())

@@ -119,7 +119,9 @@ def proofs(search, fit, rests, every, left):
         same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
         sure = (1 - left.share) / (1 + sum(odds.values())) * (DOUBT if left.shows or alike else 1.0)
-        sure = min(sure, UNSURE if search.path.steady else 1.0, MISTAKABLE if max(absorbed.values(), default=0) > search.path.alias else 1.0)
+        sure = min(
+            sure, UNSURE if search.path.steady else 1.0, MISTAKABLE if max(absorbed.values(), default=0) > search.path.alias else 1.0
+        )
         out.append(Proof(float(worth), float(sure / (1 + same)), tuple(others), rest, absorbed, float(sure)))
     return out
 
@@ -288,7 +290,9 @@ def ranking(search, base, fit, proved):
     score = {c.name: 1 + p.worth / whole for c, p in zip(fit.causes, proved)}
     for gain, cause in search.candidates(base):
         if cause.name not in score:
-            share = gain / max(base.cost, 1e-9) if not fit.causes else max([p.absorbed.get(cause.name, 0) * p.worth / whole for p in proved])
+            share = (
+                gain / max(base.cost, 1e-9) if not fit.causes else max([p.absorbed.get(cause.name, 0) * p.worth / whole for p in proved])
+            )
             score[cause.name] = share
     for name in search.fitter.effects:
         score.setdefault(name, 0.0)

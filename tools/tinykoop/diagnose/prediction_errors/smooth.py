@@ -56,7 +56,7 @@ def _normal(path, weights):
     diagonal[:-1] += A.swapaxes(1, 2) @ Q @ A
     unit = 1 / np.sqrt(np.einsum("kii->ki", diagonal))  # else states of other units would not be distinguished from round-off
     below = -Q @ A * unit[1:, :, None] * unit[:-1, None, :]
-    return diagonal * unit[:, :, None] * unit[:, None, :] , below, unit
+    return diagonal * unit[:, :, None] * unit[:, None, :], below, unit
 
 
 def spread(path, weights):

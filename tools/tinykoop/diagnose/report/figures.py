@@ -87,10 +87,7 @@ class Panel:
         self.left, self.top, self.width, self.height = box
         if equal:
             scale = max((x[1] - x[0]) / self.width, (y[1] - y[0]) / self.height)
-            x, y = (
-                (sum(r) / 2 - scale * size / 2, sum(r) / 2 + scale * size / 2)
-                for r, size in ((x, self.width), (y, self.height))
-            )
+            x, y = ((sum(r) / 2 - scale * size / 2, sum(r) / 2 + scale * size / 2) for r, size in ((x, self.width), (y, self.height)))
         self.x, self.y = x, y
 
     def px(self, x):
@@ -162,11 +159,7 @@ def bars(entries, label):
             continue
         name, value, text, kind = entry
         size = max(value, 0) / most * room if math.isfinite(value) else 0
-        out.append(
-            note(left - 6, y + 12, name, "", "end")
-            + rect(left, y + 1, size, 13, kind)
-            + note(left + size + 5, y + 12, text)
-        )
+        out.append(note(left - 6, y + 12, name, "", "end") + rect(left, y + 1, size, 13, kind) + note(left + size + 5, y + 12, text))
         y += 18
     return svg(y + 4, label, *out)
 

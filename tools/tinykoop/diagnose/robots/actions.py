@@ -104,7 +104,9 @@ class Stepper:
             row = int(rows[np.argmin(np.isfinite(once).all(1))])
             raise UserError(f"the simulator of {self.robot.name} is not finite one step after row {row + 1} of the log")
         if not np.array_equal(once, again):
-            raise UserError(f"the simulator of {self.robot.name} is not deterministic: two calls with the same arguments differ; remove its random parts")
+            raise UserError(
+                f"the simulator of {self.robot.name} is not deterministic: two calls with the same arguments differ; remove its random parts"
+            )
         return once
 
 

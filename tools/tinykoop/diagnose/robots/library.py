@@ -4,8 +4,8 @@ Each function makes the effects of one place for a robot and its log; library() 
 """
 
 import inspect
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Callable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -24,7 +24,21 @@ THRESHOLDS = {
     "rate_limit": (0.15, 0.3, 0.6, 1.0, 1.5, 2.0), "dead_band": SIZES, "saturation": (0.4, 0.6, 0.8, 1.0, 1.2, 1.35), "backlash": SIZES,
 }  # fmt: skip
 # The user's own parameters first, then what is simplest at the commands; outputs and the clock last.
-PREFERENCE = ("parameter", "gain", "bias", "lag", "delay", "saturation", "dead_band", "rate_limit", "backlash", "damping", "force", "sag", "cross")
+PREFERENCE = (
+    "parameter",
+    "gain",
+    "bias",
+    "lag",
+    "delay",
+    "saturation",
+    "dead_band",
+    "rate_limit",
+    "backlash",
+    "damping",
+    "force",
+    "sag",
+    "cross",
+)
 WHOLE = 1e9  # stands for a bound that no robot reaches
 
 
@@ -241,7 +255,9 @@ def own(function):
     spec = inspect.signature(function, eval_str=True).parameters
     parameters = [Parameter(name, *about.annotation) for name, about in list(spec.items())[2:] if isinstance(about.annotation, tuple)]
     if not parameters or len(parameters) != len(spec) - 2:
-        raise UserError(f'{function.__name__}: write def {function.__name__}(x, u, k: ("unit", low, high, usual)): a range for each parameter')
+        raise UserError(
+            f'{function.__name__}: write def {function.__name__}(x, u, k: ("unit", low, high, usual)): a range for each parameter'
+        )
 
     def act(params, action, context):
         return action.pushed(lambda x, u: np.asarray(function(x, u, *params), float))

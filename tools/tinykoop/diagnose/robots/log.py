@@ -30,7 +30,9 @@ def _number(text, path, line, column):
     try:
         return float(text)
     except ValueError:
-        raise UserError(f"{path}:{line}: {column}: {text.strip()[:40]} is not a number; leave the cell empty if the value is missing") from None
+        raise UserError(
+            f"{path}:{line}: {column}: {text.strip()[:40]} is not a number; leave the cell empty if the value is missing"
+        ) from None
 
 
 def read(path, robot):

@@ -32,7 +32,7 @@ KEYS = ("name", "column", "unit", "factor", "wraps", "measures")
 
 def _signal(table, where, path, column=True):
     if not isinstance(table, dict):
-        raise UserError(f"{path}: {where}: {table!r} must be a table, as {{name = \"px\", column = \"x\", unit = \"m\"}}")
+        raise UserError(f'{path}: {where}: {table!r} must be a table, as {{name = "px", column = "x", unit = "m"}}')
     _expect(table, KEYS, where, path)
     name = _need(table, "name", str, where, path)
     if column:

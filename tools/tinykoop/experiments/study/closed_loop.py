@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import binomtest
 
 from ... import bridge
 from .. import control, scenario
@@ -17,11 +18,7 @@ SIGMA = 1e-2  # where one setting is compared with another
 
 def wilson(successes, n):
     """Wilson's 95 % interval of a probability."""
-    z = 1.959963984540054
-    p, scale = successes / n, 1 + z**2 / n
-    centre = (p + z**2 / (2 * n)) / scale
-    half = z / scale * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    return max(0.0, centre - half), min(1.0, centre + half)
+    return tuple(map(float, binomtest(successes, n).proportion_ci(method="wilson")))
 
 
 def starts(sigma, runs):

@@ -33,9 +33,7 @@ def draw_bistability(out, cells):
     errors = [e for r in cells if r["dictionary"] == "rbf" for e in r["mean_errors"]]
     left.scatter(errors, len(groups) + spread.uniform(-0.3, 0.3, len(errors)), s=9, marker="x", color="0.3", lw=0.8)
     left.axvline(FAILED, color="k", lw=0.8, ls="--")
-    left.annotate(
-        "failed", (FAILED, 1), (4, -2), xycoords=("data", "axes fraction"), textcoords="offset points", va="top"
-    )
+    left.annotate("failed", (FAILED, 1), (4, -2), xycoords=("data", "axes fraction"), textcoords="offset points", va="top")
     left.set_xscale("log")
     left.set_yticks(range(len(groups) + 1), [*groups, "RBF, regulated"])
     left.invert_yaxis()

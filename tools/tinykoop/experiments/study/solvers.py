@@ -65,9 +65,7 @@ def osqp_solver(tolerance=1e-5):
         if not (np.all(np.isfinite(H)) and np.all(np.isfinite(f))):
             return None
         problem = osqp.OSQP()
-        problem.setup(
-            sparse.csc_matrix(np.triu(H)), f, box, low, high, eps_abs=tolerance, eps_rel=tolerance, verbose=False
-        )
+        problem.setup(sparse.csc_matrix(np.triu(H)), f, box, low, high, eps_abs=tolerance, eps_rel=tolerance, verbose=False)
         result = problem.solve(raise_error=False)
         return np.clip(result.x[:2], low[:2], high[:2]) if result.info.status == "solved" else None
 
@@ -77,9 +75,7 @@ def osqp_solver(tolerance=1e-5):
 # name -> the stage that it decides
 SOLVERS = {
     "Newton 1e-3": lambda: Stage(SOLVER_STEPS, replace(control.MPC, tolerance=1e-3)),
-    "gradient 1e-4": lambda: Stage(
-        SOLVER_STEPS, replace(control.MPC, method=bridge.MPC_GRADIENT, tolerance=1e-4)
-    ),
+    "gradient 1e-4": lambda: Stage(SOLVER_STEPS, replace(control.MPC, method=bridge.MPC_GRADIENT, tolerance=1e-4)),
     "DAQP": lambda: Stage(SOLVER_STEPS, solver=daqp_solver()),
     "OSQP 1e-5": lambda: Stage(SOLVER_STEPS, solver=osqp_solver()),
 }

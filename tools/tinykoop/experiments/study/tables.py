@@ -65,10 +65,7 @@ def report(cells, changed, rescued, parted, seen):
     print_table(
         f"Failures (mean error above {FAILED:g}) of Poly: count, 95 % interval of the probability in %",
         ["setting", *names, "same"],
-        [
-            [key, *[line.get(name, "") for name in names], number(np.mean(line["as"])) if line["as"] else ""]
-            for key, line in table.items()
-        ],
+        [[key, *[line.get(name, "") for name in names], number(np.mean(line["as"])) if line["as"] else ""] for key, line in table.items()],
         "Same: % of the runs of the first three that end as they do with Newton from the same start. "
         f"Offset {number(SIGMA)}, Newton, float64, plain, Theta and P carried over, unless the setting says otherwise.",
     )

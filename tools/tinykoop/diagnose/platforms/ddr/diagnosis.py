@@ -23,9 +23,7 @@ def load(path):
     """A log that is long enough to say something about."""
     log = bridge.read_log(path, name)
     if log.usable.sum() < FEWEST_ROWS:
-        raise UserError(
-            f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least"
-        )
+        raise UserError(f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least")
     if _longest(log.usable) < FEWEST:
         raise UserError(f"{path}: nowhere are {FEWEST} rows in a row usable; record it with fewer gaps")
     if not np.any(np.abs(np.diff(log.x, axis=0)) > 0):

@@ -57,7 +57,6 @@ PHRASES = {
 }  # fmt: skip
 
 
-
 class Drive(Teller):
     phrases = PHRASES
     experiment = "What to drive next"

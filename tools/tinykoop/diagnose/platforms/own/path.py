@@ -428,7 +428,9 @@ class Path(path.Path):
     def _near(self, causes, others):
         """Whether the same sensors are off, and by about as much."""
         some, rest = ({(c.name, c.segments): c for c in many if self.everything[c.name].block == "output"} for many in (causes, others))
-        return set(some) == set(rest) and all(abs(c.params[0] - rest[key].params[0]) <= SAME * abs(rest[key].params[0]) for key, c in some.items())
+        return set(some) == set(rest) and all(
+            abs(c.params[0] - rest[key].params[0]) <= SAME * abs(rest[key].params[0]) for key, c in some.items()
+        )
 
     def _follow_sensors(self):
         for reading, on in self.at.readings:
@@ -519,7 +521,9 @@ class Path(path.Path):
 
     def tell_hidden(self, noise):
         """Takes hidden states as all of the log tells them by this noise, for predictions. A path that is cut is the simulator's own."""
-        self._hidden = self.X if self.cut else self.X + smooth.better(self, smooth.weights(self, noise), self._D + self.shift(), self._missed(self.at))
+        self._hidden = (
+            self.X if self.cut else self.X + smooth.better(self, smooth.weights(self, noise), self._D + self.shift(), self._missed(self.at))
+        )
 
     def unsure(self, noise):
         """Covariances (K, n, n) of states that nothing measures, by what the whole log tells of them."""

@@ -30,7 +30,7 @@ system:
 		echo "Missing: python3-venv. On Debian: sudo apt-get install python3-venv" >&2; exit 2; }
 
 $(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
-	@echo "Python environment ..."
+	@echo "Python environment: about 85 MB of packages are downloaded once, which takes a minute or so ..."
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
 	@$(call install,$(VENV),tools/requirements.txt)

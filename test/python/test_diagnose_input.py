@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from tinykoop import bridge, cli
 from tinykoop.diagnose.robots import new
 
 DT, ROWS = 0.05, 300
-SLOWEST = 40.0  # s for one small log, on a machine that does other things too
 
 
 def drive(rows=ROWS, seed=0):
@@ -411,8 +409,6 @@ def strange(rng):
 @pytest.mark.parametrize("seed", range(30))
 def test_any_log_is_answered_or_refused(seed, tinykoop, tmp_path):
     x, u, dt, columns = strange(np.random.default_rng(seed))
-    begin = time.perf_counter()
     status, error, report = answer = tinykoop(write(tmp_path / "log.csv", x, u, dt, **columns))
-    assert time.perf_counter() - begin < SLOWEST
     if status:
         refused(answer, "log.csv")

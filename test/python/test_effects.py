@@ -4,8 +4,6 @@ The second writing here is vectorised over the log where the C code steps, and s
 code takes all windows from one path. Run as a script it prints what a call of windows() costs.
 """
 
-import time
-
 import numpy as np
 import pytest
 from tinykoop import bridge
@@ -457,34 +455,3 @@ def test_bad_window_is_refused(change, message):
     bridge.windows(**good)
     with pytest.raises(UserError, match=message):
         bridge.windows(**(good | change))
-
-
-# ---- cost ----------------------------------------------------------------------------------------
-
-
-def bench(rows=2000, horizon=20, stride=5, repeats=200):
-    """Wall time of one windows() call through Python, microseconds: least and median."""
-    u = commands(rows)
-    x = bridge.simulate(u, DT, active=usual("measurement_noise"))[:rows]
-    starts = np.arange(0, rows - horizon, stride)
-    sets = {
-        "nominal": (),
-        "gains, bias": ("speed_gain", "yaw_gain", "yaw_bias"),
-        "lag, delay, gains": ("actuator_lag", "transport_delay", "speed_gain", "yaw_gain"),
-        "lever arm, heading bias": ("sensor_lever_arm", "heading_bias"),
-        "slip, friction": ("pacejka_slip", "stribeck_friction"),
-        "all 17": KNOWN,
-    }
-    print(f"{rows} rows, {len(starts)} windows of {horizon} steps")
-    for integrator, label in zip(INTEGRATORS, ("Euler", "midpoint", "arc", "semi")):
-        for name, members in sets.items():
-            active, took = usual(*members), []
-            for _ in range(repeats):
-                start = time.perf_counter()
-                bridge.windows(x, u, DT, starts, [horizon], active, integrator=integrator)
-                took.append(1e6 * (time.perf_counter() - start))
-            print(f"{label:9} {name:24} {min(took):6.0f} {np.median(took):6.0f} us")
-
-
-if __name__ == "__main__":
-    bench()

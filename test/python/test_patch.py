@@ -246,6 +246,27 @@ def test_without_write_the_file_stays_and_the_change_is_shown(tmp_path, capsys):
     assert "+    wheel_separation_multiplier: 0.8\n" in capsys.readouterr().out
 
 
+GIVEN = {
+    "controller.yaml": YAML,
+    "robot.urdf": "<robot><gazebo><plugin name='drive'><wheel_separation>0.5</wheel_separation></plugin></gazebo></robot>",
+}
+
+
+@pytest.mark.parametrize("name", ["controller.yaml", "robot.urdf", "effects.py", "effects.c"])
+def test_the_effects_of_a_report_go_into_a_file_once(name, tmp_path):
+    """A multiplier would be multiplied again."""
+    into, report = tmp_path / name, report_of(tmp_path, drive(yaw_gain={"b": 0.25}))
+    if name in GIVEN:
+        into.write_text(GIVEN[name])
+    patch.run(report, into, write=True)
+    once = into.read_text()
+    with pytest.raises(UserError, match="has the effects of this report already .*; diagnose a new log"):
+        patch.run(report, into, write=True)
+    assert into.read_text() == once
+    patch.run(report_of(tmp_path, drive(yaw_gain={"b": 0.1})), into, write=True)
+    assert into.read_text() != once
+
+
 def test_an_effect_of_the_robots_file_must_be_one_that_there_is(lagging, tmp_path):
     folder, robot, log = lagging
     for name in ("car.toml", "car.py"):

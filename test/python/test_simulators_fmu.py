@@ -130,18 +130,6 @@ def test_rows_that_are_not_finite_stay_so_and_are_not_simulated(drive):
     assert np.isnan(robot.simulator.step(x[3:4], u[3:4], 0.01, robot.nominal)).all()
 
 
-def test_a_row_takes_microseconds(drive):
-    """A diagnosis of 2,000 rows asks for 150 passes or so."""
-    robot, (x, u) = toml.read(drive / "two_mass.toml"), rows(count=2000)
-    robot.simulator.step(x, u, 0.01, robot.nominal)
-    took = []
-    for _ in range(5):
-        start = time.process_time()
-        robot.simulator.step(x, u, 0.01, robot.nominal)
-        took.append(time.process_time() - start)
-    assert min(took) / len(x) < 15e-6
-
-
 def test_what_was_unpacked_is_gone_at_the_end(drive, tmp_path):
     code = (
         "import os, sys; from pathlib import Path; from tinykoop.diagnose.robots import toml;"

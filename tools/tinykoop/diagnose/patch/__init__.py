@@ -16,7 +16,7 @@ WRITERS = {
     ".toml": toml, ".yaml": diff_drive, ".yml": diff_drive, ".xml": mjcf, ".urdf": urdf, ".xacro": urdf, ".sdf": sdf, ".py": python, ".c": c,
 }  # fmt: skip
 NEW = (python, c)  # a file that is not there yet is begun
-COMMENT = {".c": "/* {} */"} | dict.fromkeys((".xml", ".urdf", ".xacro", ".sdf"), "<!-- {} -->")
+MARKS = {".c": "/* {} */"} | dict.fromkeys((".xml", ".urdf", ".xacro", ".sdf"), "<!-- {} -->")  # comments; of others: # {}
 
 
 def _report(path):
@@ -48,10 +48,13 @@ def patched(report, path):
         text = path.read_text() if path.exists() or writer not in NEW else ""
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: cannot be read ({error})") from error
-    mark = COMMENT.get(path.suffix, "# {}").format(f"tinykoop patch {_key(report)}")
+    if all(effect.get("field") for effect in report["effects"]) and path.suffix in MARKS:  # the number itself is written
+        return text, writer.patched(text, report, path)
+    mark = MARKS.get(path.suffix, "# {}").format(f"tinykoop patch {_key(report)}")
     if mark in text:
         raise UserError(f"{path}: has the effects of this report already ({mark}); diagnose a new log with it")
-    return text, f"{writer.patched(text, report, path).rstrip(chr(10))}\n{mark}\n"
+    new = writer.patched(text, report, path)
+    return text, f"{new}{'' if new.endswith(chr(10)) else chr(10)}{mark}\n"
 
 
 def _key(report):

@@ -79,6 +79,11 @@ const char *tk_effect_name(const char *platform, size_t effect) {
 	return e ? e->name : NULL;
 }
 
+const char *tk_effect_formula(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e ? e->formula : NULL;
+}
+
 int tk_effect_block(const char *platform, size_t effect) {
 	const tk_effect *e = effect_at(platform, effect);
 	return e ? e->block : TK_ERROR;

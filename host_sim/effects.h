@@ -29,7 +29,7 @@ typedef struct tk_parameter {
 } tk_parameter;
 
 typedef struct tk_effect {
-	const char *name;
+	const char *name, *formula; /* of what it changes, in the names of its parameters */
 	int block; /* TK_ACTUATOR, TK_PLANT or TK_SENSOR */
 	size_t n_parameters;
 	tk_parameter parameters[TK_MAX_PARAMETERS];

@@ -25,6 +25,7 @@ void lag_commands(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect actuator_lag = {
     .name = "actuator_lag",
+    .formula = "tau x' = command - x, for x = v and x = omega",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"tau", "s", 0, 3, 0.3}},

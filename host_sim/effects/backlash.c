@@ -16,6 +16,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect backlash = {
     .name = "backlash",
+    .formula = "yaw rate y follows omega only while |omega - y| > half_width",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"half_width", "rad/s", 0, 2, 0.08}},

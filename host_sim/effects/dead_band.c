@@ -12,6 +12,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect dead_band = {
     .name = "dead_band",
+    .formula = "v = 0 if |v| < v_db, omega = 0 if |omega| < w_db",
     .block = TK_ACTUATOR,
     .n_parameters = 2,
     .parameters = {{"v_db", "m/s", 0, 3, 0.1}, {"w_db", "rad/s", 0, 3, 0.08}},

@@ -13,6 +13,7 @@ static void undo(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect heading_bias = {
     .name = "heading_bias",
+    .formula = "heading measured = heading + delta",
     .block = TK_SENSOR,
     .n_parameters = 1,
     .parameters = {{"delta", "rad", -3.2, 3.2, 0.05}},

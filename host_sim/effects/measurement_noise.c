@@ -17,6 +17,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect measurement_noise = {
     .name = "measurement_noise",
+    .formula = "white noise of standard deviation sp on px and py, st on theta",
     .block = TK_SENSOR,
     .n_parameters = 3,
     .parameters =

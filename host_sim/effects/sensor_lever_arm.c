@@ -21,6 +21,7 @@ static void undo(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect sensor_lever_arm = {
     .name = "sensor_lever_arm",
+    .formula = "position measured at (lx, ly) in the robot's axes",
     .block = TK_SENSOR,
     .n_parameters = 2,
     .parameters = {{"lx", "m", -3, 3, 0.15}, {"ly", "m", -3, 3, 0.05}},

@@ -9,6 +9,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_gust = {
     .name = "gust",
+    .formula = "wind (wx, wy) in the axes of the world",
     .block = TK_PLANT,
     .n_parameters = 2,
     .parameters =

@@ -4,6 +4,7 @@
 
 const tk_effect fwmav_lag = {
     .name = "lag",
+    .formula = "tau x' = u - x",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"tau", "s", 0, 0.1, 0.015}},

@@ -6,7 +6,7 @@ from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_log, write_log
 from .sizes import storage
-from .unmodelled import Effect, effects, usual_effect
+from .unmodelled import Effect, effects, formulas, usual_effect
 
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",

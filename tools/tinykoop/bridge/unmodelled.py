@@ -40,6 +40,12 @@ def effects(platform="ddr"):
 
 
 @cache
+def formulas(platform="ddr"):
+    """{effect: what it changes, in the names of its parameters}."""
+    return {name: raw("tk_effect_formula", platform.encode(), ct.c_size_t(i)).decode() for i, name in enumerate(_effects(platform))}
+
+
+@cache
 def _effects(platform):
     table, c_platform = {}, platform.encode()
     while name := raw("tk_effect_name", c_platform, ct.c_size_t(len(table))):

@@ -67,6 +67,15 @@ def gaps(path, before, after, floor, seed=0):
     return {"gap": next(iter(found.values())), "gaps": found}
 
 
+def contributions(found, every=1):
+    """{effect: {H: rise of the first gap without it, the others fitted again}}, over each so many predictions."""
+    path, starts, gap = found.path, found.starts[::every], next(iter(found.path.gaps))
+    size = lambda causes: ahead.rms(ahead.errors(path, causes, starts)[gap])  # noqa: E731
+    whole = size(found.fit.causes)
+    rises = (size(proof.rest.causes) - whole for proof in found.proofs)
+    return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, rise))) for c, rise in zip(found.fit.causes, rises)}
+
+
 def noise(path, noise):
     """The `noise` of the report."""
     sensor = {

@@ -5,6 +5,7 @@ import math
 from ...plumbing import results
 
 MOST_SPANS = 2  # times of an effect that are told one by one
+MILLIMETRES = 0.0995  # m, below which a length is given in mm
 MOST_PLACES, LARGE = 6, 1e7  # decimals, and end, of the numbers that are written without an exponent
 
 
@@ -21,7 +22,12 @@ def length(metres):
     metres = real(metres)
     if not math.isfinite(metres):
         return "-"
-    return f"{plain(1000 * metres)} mm" if abs(metres) < 0.0995 else f"{plain(metres)} m"
+    return f"{plain(1000 * metres)} mm" if abs(metres) < MILLIMETRES else f"{plain(metres)} m"
+
+
+def metres(value):
+    """0.015 m, where others beside it are larger."""
+    return f"{plain(real(value))} m" if math.isfinite(real(value)) else "-"
 
 
 def angle(radians):
@@ -60,6 +66,12 @@ def size_of(unit):
     return {"m": length, "rad": angle}.get(unit, lambda value: quantity(value, unit.replace("^2", "²")))
 
 
+def common_size(unit, values):
+    """How quantities of this unit are written beside each other: lengths all in m, or all in mm."""
+    known = [abs(v) for v in map(real, values) if math.isfinite(v)]
+    return metres if unit == "m" and max(known, default=0.0) >= MILLIMETRES else size_of(unit)
+
+
 def quantity(value, unit, places=None):
     """A number with its unit; share and factor have none. places: decimals, else three digits."""
     number = plain(real(value), 3) if places is None or abs(real(value)) >= LARGE else f"{real(value):.{places}f}"
@@ -83,7 +95,7 @@ def _limits_of(effect, name):
 
 def spread(low, high):
     """94 to 100 %; a dash where there is no percentage."""
-    if real(low) >= 0.995:
+    if real(low) >= 0.995 or abs(real(low)) + abs(real(high)) < 0.005:
         return percent(low)
     return f"{hundredths(low)} to {hundredths(high)} %" if math.isfinite(real(low) + real(high)) else "-"
 
@@ -147,7 +159,7 @@ def marks(effect, name):
 
 
 def parameters(effect):
-    """[(name, value with unit, interval, marks)] of an effect."""
+    """[(name, value with unit, interval, unit, marks)] of an effect."""
     out = []
     for name, value in effect["params"].items():
         unit = effect.get("units", {}).get(name, "1")
@@ -157,5 +169,5 @@ def parameters(effect):
             shown = quantity(value, unit, places), "[{}, {}]".format(*(quantity(b, "1", places) for b in (low, high)))
         else:
             shown = quantity(value, unit), "no interval"
-        out.append((name, *shown, marks(effect, name)))
+        out.append((name, *shown, "no unit" if unit == "1" else unit, marks(effect, name)))
     return out

@@ -4,9 +4,8 @@ import numpy as np
 
 from .... import bridge
 from ....plumbing.errors import UserError
-from ...diagnosis import Diagnosis, on_fresh, open_questions, report_of, told
+from ...diagnosis import Diagnosis, contributions, on_fresh, open_questions, report_of, told
 from ...elsewhere import as_fast, joined, seconds
-from ...prediction_errors import ahead
 from ...prediction_errors.answer import answer
 from ...prediction_errors.fit import ALWAYS
 from ...prediction_errors.search import Search
@@ -41,14 +40,6 @@ def _longest(usable):
     return int((edges[:, 1] - edges[:, 0]).max(initial=0))
 
 
-def _contributions(found):
-    """{effect: {H: rise of the gap, m, without it}}."""
-    path, starts = found.path, found.starts
-    whole = ahead.rms(ahead.errors(path, found.fit.causes, starts)["position"])
-    rest = [ahead.rms(ahead.errors(path, proof.rest.causes, starts)["position"]) for proof in found.proofs]
-    return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, without - whole))) for c, without in zip(found.fit.causes, rest)}
-
-
 def _healthy(logs, log):
     """Causes that explain logs of the healthy robot, as they act on another log: what came or went there is none of them."""
     if not logs:
@@ -74,7 +65,7 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
     advice = advise.advise(path, found.fitter, pairs, hidden)
     report = {"platform": name} | report_of(found, where.located(found), hidden, seed=seed) | {
         "healthy": {"logs": len(healthy), "effects": [told(path, cause) for cause in path.base]},
-        "contributions": _contributions(found),
+        "contributions": contributions(found),
         "integrator": path.variants[path.variant],
         "suggested_excitation": f"{advice[0]}: {advice[1]}" if advice else "",
         "advice": {"drive": advice[0], "words": advice[1], "separation": advice[3]} if advice else None,

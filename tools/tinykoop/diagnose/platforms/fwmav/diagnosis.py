@@ -166,7 +166,7 @@ def _add_vibration(report, shaking, log):
     report["effects"].append({
         "name": "vibration", "evidence": shaking.evidence, "confidence": 0.99 if shaking.alike else 0.2, "params": {"a": shaking.a},
         "params_ci95": {"a": [shaking.a - 1.96 * shaking.sd, shaking.a + 1.96 * shaking.sd]},
-        "segments": inside((shaking.segment,), seconds(log)), "units": {"a": "1"}, "at_bound": [], "formula": "",
+        "segments": inside((shaking.segment,), seconds(log)), "units": {"a": "1"}, "at_bound": [], "formula": bridge.formulas(name)["vibration"],
     })  # fmt: skip
     report["effects"].sort(key=lambda effect: -effect["evidence"])
     report["ranking"] = sorted([*report["ranking"], {"name": "vibration", "score": 2.0}], key=lambda row: -row["score"])

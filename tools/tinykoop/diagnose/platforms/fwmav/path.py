@@ -40,7 +40,7 @@ def effects():
         spec = tuple(Parameter(*row) for row in rows)
         if key not in NOT_FITTED:
             linear = all(p.low < 0 < p.high for p in spec)
-            found[key] = Effect(key, block, spec, _starts(spec), linear, transient=key in TRANSIENT)
+            found[key] = Effect(key, block, spec, _starts(spec), linear, transient=key in TRANSIENT, formula=bridge.formulas(name)[key])
     return found
 
 

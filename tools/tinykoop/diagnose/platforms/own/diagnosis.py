@@ -3,7 +3,7 @@
 import numpy as np
 
 from ... import where
-from ...diagnosis import Diagnosis, on_fresh, report_of
+from ...diagnosis import Diagnosis, contributions, on_fresh, report_of
 from ...prediction_errors import judge
 from ...prediction_errors.answer import answer
 from ...prediction_errors.search import Search
@@ -12,6 +12,8 @@ from ...robots import check, toml
 from ...robots.log import joined
 from ...robots.log import read as read_log
 from .path import Path
+
+EVERY = 4  # of the predictions tell what an effect is worth: the simulator may be slow
 
 
 def read(path, fresh, healthy, robot, sim=None):
@@ -73,8 +75,9 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
     report = {"platform": robot.name} | report_of(found, _where(found), judge.untestable(found.search, found.fit)) | {
         "healthy": {"logs": len(healthy), "effects": [{"name": c.name, "params": list(c.params)} for c in before]},
         "time_step": {"matters": bool(path.variant), "share": path.share},
-        "passes": round(log.passes),
+        "contributions": contributions(found, EVERY) if len(found.fit.causes) > 1 else {},
     }  # fmt: skip
+    report["passes"] = round(log.passes)
     _add_fields(report["effects"], robot)
     report["best_fit"] = report["effects"] if found.verdict == "unknown" else []
     report["effects"] = report["effects"] if found.verdict != "unknown" else []

@@ -11,6 +11,6 @@ from .unmodelled import Effect, effects, formulas, usual_effect
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
-    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
+    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
     "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

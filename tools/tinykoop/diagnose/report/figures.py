@@ -167,19 +167,18 @@ def bars(entries, label):
 # ---- figures -------------------------------------------------------------------------------------
 
 
-def gap(rows, values, size, with_effects, label):
+def gap(rows, values, with_effects, label):
     """Bars of before, after and floor for every horizon; what is closed stands above each group.
 
     rows: of the table of this gap; values: the gap of the report.
     """
     entries = []
-    for key, (name, _, _, _, closed, spread) in zip(values["before"], rows):
+    for key, (name, before, after, floor, closed, spread) in zip(values["before"], rows):
         spread = f" ({spread})" if spread != "-" else ""
         entries.append((f"{name} ahead" + (f": {closed} closed{spread}" if closed != "-" else ""),))
-        kinds = [("before", "simulator", "bar-before"), ("noise_floor", "noise floor", "bar-floor")]
-        for part, text, kind in kinds[:1] + [("after", "with effects", "bar-after")] * with_effects + kinds[1:]:
-            value = words.real(values[part][key])
-            entries.append((text, value, size(value), kind))
+        entries.append(("simulator", words.real(values["before"][key]), before, "bar-before"))
+        entries += [("with effects", words.real(values["after"][key]), after, "bar-after")] * with_effects
+        entries.append(("noise floor", words.real(values["noise_floor"][key]), floor, "bar-floor"))
     return bars(entries, label)
 
 

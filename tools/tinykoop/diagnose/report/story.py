@@ -16,10 +16,12 @@ STANDS_OUT = 1.2  # times the average, from which on a region is told
 LOUDER = 1.5  # times its share of the time, that a part of the gap must have to be reported
 HIDDEN = 0.1  # standard deviations per row, below which an experiment separates nothing
 LEADING = 0.1  # share of what is left, from which on its dependence is told
+SHOWN = 0.05  # score of an effect from which on it is shown
 MOST_PHRASES = 2  # effects that fit into one sentence with their phrases
 MOST_RIVALS, MOST_RANKED, MOST_REGIONS, MOST_PARTS = 3, 8, 4, 3
 DEGREES = (180 / math.pi, "deg")
 
+PARTS = ("before", "after", "noise_floor")
 GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
 BARS = "RMS errors of predictions. Closed: the share of the gap above the noise floor that is gone, with its 95 % interval in parentheses."
 EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "confidence", "active", "remark")
@@ -73,7 +75,8 @@ class Teller:
     def __init__(self, result):
         self.result, self.report = result, result.report
         self.effects, self.left = self.report["effects"], self.report["unexplained"]
-        self.name, self.gap, self.size = self.gaps(self.report)[0]
+        self.name, self.gap = self.gaps(self.report)[0]
+        self.size = words.size_of(self.gap["unit"])
 
     def story(self):
         report = self.report
@@ -86,9 +89,8 @@ class Teller:
     # ---- gaps ----------------------------------------------------------------------------------------
 
     def gaps(self, part):
-        """[(name, gap, how its size is written)] of the report or of its fresh part, that which the verdict is about first."""
-        found = [(name, gap, words.size_of(gap["unit"])) for name, gap in part["gaps"].items()]
-        return sorted(found, key=lambda one: one[1]["unit"] != self.left.get("unit", one[1]["unit"]))
+        """[(name, gap)] of the report or of its fresh part, that which the verdict is about first."""
+        return sorted(part["gaps"].items(), key=lambda one: one[1]["unit"] != self.left.get("unit", one[1]["unit"]))
 
     @staticmethod
     def horizon(gap):
@@ -108,37 +110,35 @@ class Teller:
         return f"{self.steps(key)} ahead"
 
     def sizes(self, gap, key):
-        """Before, after and floor as text."""
-        return [self.size(gap[part][key]) for part in ("before", "after", "noise_floor")]
+        """Before, after and floor as text, in one unit."""
+        values = [gap[part][key] for part in PARTS]
+        return list(map(words.common_size(gap["unit"], values), values))
 
     def shrinks(self, gap, key):
         """0.45 m to 15 mm, 50 steps = 2.5 s ahead; noise floor 15 mm."""
         before, after, least = self.sizes(gap, key)
         return f"{before} to {after}, {self.ahead(key)}; noise floor {least}"
 
-    def gap_rows(self, gap, size):
+    def gap_rows(self, gap):
         """[(horizon, before, after, floor, closed, interval)]."""
         return [
-            (
-                self.steps(key), *(size(gap[part][key]) for part in ("before", "after", "noise_floor")),
-                percent(gap["closed_fraction"][key]), words.spread(*gap["ci95"][key]),
-            )
+            (self.steps(key), *self.sizes(gap, key), percent(gap["closed_fraction"][key]), words.spread(*gap["ci95"][key]))
             for key in gap["before"]
-        ]  # fmt: skip
+        ]
 
-    def gap_figure(self, gap, size, name="", place=""):
+    def gap_figure(self, gap, name="", place=""):
         """(caption, bars of before, after and floor for every horizon)."""
-        caption = self.gap_caption(gap, size, place)
+        caption = self.gap_caption(gap, place)
         caption = f"{capital(name)}: {caption}" if name else caption
-        return caption, figures.gap(self.gap_rows(gap, size), gap, size, bool(self.effects), caption)
+        return caption, figures.gap(self.gap_rows(gap), gap, bool(self.effects), caption)
 
-    def gap_caption(self, gap, size, place=""):
+    def gap_caption(self, gap, place=""):
         """What the bars bear out."""
         key = self.horizon(gap)
         if key is None:
             return f"The gap{place} could not be measured"
-        before, after, least = (real(gap[part][key]) for part in ("before", "after", "noise_floor"))
-        when = capital(self.ahead(key))
+        before, after, least = (real(gap[part][key]) for part in PARTS)
+        when, size = capital(self.ahead(key)), words.common_size(gap["unit"], (before, after, least))
         if not self.effects:
             return f"{when} the RMS error is {size(before)}{place}; noise alone makes {size(least)}"
         if size(after) == size(before):
@@ -305,7 +305,7 @@ class Teller:
 
     def _on_fresh(self):
         """What the same model does on the fresh log, in one sentence."""
-        _, gap, _ = self.gaps(self.report["fresh"])[0]
+        _, gap = self.gaps(self.report["fresh"])[0]
         key = self.told_at(gap)
         if key is None:
             return "The fresh log is too broken up to measure the gap."
@@ -328,7 +328,7 @@ class Teller:
             f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}{self._confidence(e)})" for e in self.effects
         )  # fmt: skip
         note = BARS if self.effects else ""
-        return Section("", note=note, figures=(self.gap_figure(self.gap, self.size), self.predictions()), sentences=causes)
+        return Section("", note=note, figures=(self.gap_figure(self.gap), self.predictions()), sentences=causes)
 
     def _confidence(self, effect):
         return f", confidence {percent(effect['confidence'])}" if self.report["verdict"] != "unknown" else ""
@@ -420,7 +420,8 @@ class Teller:
             worth = ", ".join(f"{self.title(e['name'])} {number(real(e['evidence']))}" for e in shown)
             note = f"Evidence (increase of the sum of squared residuals, in noise variances, without the effect): {worth}. {SCORE}"
         drawn = (self.ranking(), *self.contributions()) if self.report["ranking"] else ()
-        return Section("Which effect", tables, note, drawn)
+        formulas = tuple(f"{capital(self.title(e['name']))}: {e['formula']}." for e in shown if e.get("formula"))
+        return Section("Which effect", tables, note, drawn, formulas, len(formulas))
 
     def ranked(self):
         """(effects, ranking) that are compared."""
@@ -429,7 +430,7 @@ class Teller:
     def ranking(self):
         """(caption, bars of the scores; those that were found are solid)."""
         found = {e["name"] for e in self.effects}
-        rows = [r for r in self.report["ranking"] if real(r["score"]) >= 0.005 or r["name"] in found][:MOST_RANKED]
+        rows = [r for r in self.report["ranking"] if real(r["score"]) >= SHOWN or r["name"] in found][:MOST_RANKED]
         caption = self.ranking_caption()
         kinds = ["bar-after" if r["name"] in found else "bar-floor" for r in rows]
         return caption, figures.bars(
@@ -466,13 +467,13 @@ class Teller:
     def much(self):
         """Tables of all gaps and horizons, and the fresh log."""
         tables, drawn = [], []
-        for i, (name, gap, size) in enumerate(self.gaps(self.report)):
-            tables.append(Table(f"Gap, {name}", GAP_HEADERS, self.gap_rows(gap, size), i == 0))
-            drawn += [self.gap_figure(gap, size, name)] if i else []
+        for i, (name, gap) in enumerate(self.gaps(self.report)):
+            tables.append(Table(f"Gap, {name}", GAP_HEADERS, self.gap_rows(gap), i == 0))
+            drawn += [self.gap_figure(gap, name)] if i else []
         if "fresh" in self.report:
-            name, gap, size = self.gaps(self.report["fresh"])[0]
-            tables.append(Table(f"Gap on the fresh log, without refitting, {name}", GAP_HEADERS, self.gap_rows(gap, size), True))
-            drawn.append(self.gap_figure(gap, size, place=" on the fresh log"))
+            name, gap = self.gaps(self.report["fresh"])[0]
+            tables.append(Table(f"Gap on the fresh log, without refitting, {name}", GAP_HEADERS, self.gap_rows(gap), True))
+            drawn.append(self.gap_figure(gap, place=" on the fresh log"))
         return Section("How much", tuple(tables), f"RMS error. {CLOSED}", tuple(drawn))
 
     def open(self):

@@ -159,7 +159,7 @@ def marks(effect, name):
 
 
 def parameters(effect):
-    """[(name, value with unit, interval, unit, marks)] of an effect."""
+    """[(name, value with unit, interval, marks)] of an effect."""
     out = []
     for name, value in effect["params"].items():
         unit = effect.get("units", {}).get(name, "1")
@@ -169,5 +169,5 @@ def parameters(effect):
             shown = quantity(value, unit, places), "[{}, {}]".format(*(quantity(b, "1", places) for b in (low, high)))
         else:
             shown = quantity(value, unit), "no interval"
-        out.append((name, *shown, "no unit" if unit == "1" else unit, marks(effect, name)))
+        out.append((name, shown[0] + " (no unit)" * (unit == "1"), shown[1], marks(effect, name)))
     return out

@@ -65,8 +65,16 @@ def effects(u):
         spec = tuple(Parameter(*row) for row in rows)
         if key not in NOT_FITTED:
             starts = tuple(dict.fromkeys(_inside(start, spec) for start in _starts(key, spec, u)))
-            found[key] = Effect(key, block, spec, starts, key in LINEAR, key in ("saturation", "dead_band", "backlash"), key in CURVES,
-                                formula=bridge.formulas()[key])
+            found[key] = Effect(
+                key,
+                block,
+                spec,
+                starts,
+                key in LINEAR,
+                key in ("saturation", "dead_band", "backlash"),
+                key in CURVES,
+                formula=bridge.formulas()[key],
+            )
     return found
 
 

@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect battery_sag = {
     .name = "battery_sag",
-    .formula = "v (1 - loss_at_end t / t_end)",
+    .formula = "v -> v (1 - loss_at_end t / t_end)",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"loss_at_end", "1", 0, 0.9, 0.15}},

@@ -12,7 +12,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect clock_scale = {
     .name = "clock_scale",
-    .formula = "true time step (1 + kappa) dt",
+    .formula = "true time step = (1 + kappa) dt",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"kappa", "1", -0.5, 1, 0.03}},

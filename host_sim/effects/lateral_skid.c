@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect lateral_skid = {
     .name = "lateral_skid",
-    .formula = "sideways velocity k v omega",
+    .formula = "sideways velocity = k v omega",
     .block = TK_PLANT,
     .n_parameters = 1,
     .parameters = {{"k", "s", -2, 2, 0.1}},

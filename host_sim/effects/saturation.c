@@ -12,7 +12,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect saturation = {
     .name = "saturation",
-    .formula = "v cut to +-v_max, omega to +-w_max; 0: no limit",
+    .formula = "|v| <= v_max, |omega| <= w_max; 0: no limit",
     .block = TK_ACTUATOR,
     .n_parameters = 2,
     .parameters = {{"v_max", "m/s", 0, 10, 1.5}, {"w_max", "rad/s", 0, 10, 0.5}},

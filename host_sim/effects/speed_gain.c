@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect speed_gain = {
     .name = "speed_gain",
-    .formula = "v (1 + a)",
+    .formula = "v -> v (1 + a)",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"a", "1", -0.9, 1, -0.08}},

@@ -30,7 +30,7 @@ void delay_commands(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect transport_delay = {
     .name = "transport_delay",
-    .formula = "v(t - delay), omega(t - delay)",
+    .formula = "v(t) -> v(t - delay), omega(t) -> omega(t - delay)",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"delay", "s", 0, 2, 0.15}},

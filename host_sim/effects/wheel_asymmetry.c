@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect wheel_asymmetry = {
     .name = "wheel_asymmetry",
-    .formula = "omega + c v",
+    .formula = "omega -> omega + c v",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"c", "rad/m", -1, 1, 0.03}},

@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect world_drift = {
     .name = "world_drift",
-    .formula = "velocity + (wx, wy) in the axes of the world",
+    .formula = "velocity -> velocity + (wx, wy), in the axes of the world",
     .block = TK_PLANT,
     .n_parameters = 2,
     .parameters = {{"wx", "m/s", -2, 2, 0.03}, {"wy", "m/s", -2, 2, -0.02}},

@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect yaw_bias = {
     .name = "yaw_bias",
-    .formula = "omega + d",
+    .formula = "omega -> omega + d",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"d", "rad/s", -1, 1, 0.02}},

@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect yaw_gain = {
     .name = "yaw_gain",
-    .formula = "omega (1 + b)",
+    .formula = "omega -> omega (1 + b)",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"b", "1", -0.9, 1, -0.12}},

@@ -9,7 +9,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_asymmetry = {
     .name = "asymmetry",
-    .formula = "thrust of the left wing (1 + c), of the right one (1 - c)",
+    .formula = "thrust -> thrust (1 + c) of the left wing, (1 - c) of the right",
     .block = TK_PLANT,
     .n_parameters = 1,
     .parameters = {{"c", "1", -0.2, 0.2, 0.05}},

@@ -10,7 +10,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_battery_sag = {
     .name = "battery_sag",
-    .formula = "voltage (1 - loss_at_end t / t_end)",
+    .formula = "voltage -> voltage (1 - loss_at_end t / t_end)",
     .block = TK_PLANT,
     .n_parameters = 1,
     .parameters = {{"loss_at_end", "1", 0, 0.3, 0.08}},

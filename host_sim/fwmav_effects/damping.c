@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_damping = {
     .name = "damping",
-    .formula = "all damping (1 + a)",
+    .formula = "damping -> damping (1 + a), of all axes",
     .block = TK_PLANT,
     .n_parameters = 1,
     .parameters = {{"a", "1", -0.9, 2, 0.3}},

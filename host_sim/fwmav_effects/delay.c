@@ -3,7 +3,7 @@
 
 const tk_effect fwmav_delay = {
     .name = "delay",
-    .formula = "u(t - delay)",
+    .formula = "u(t) -> u(t - delay)",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"delay", "s", 0, 0.05, 0.01}},

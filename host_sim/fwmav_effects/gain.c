@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_gain = {
     .name = "gain",
-    .formula = "u (1 + a)",
+    .formula = "u -> u (1 + a)",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"a", "1", -0.7, 1, -0.2}},

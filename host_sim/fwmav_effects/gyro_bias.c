@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_gyro_bias = {
     .name = "gyro_bias",
-    .formula = "gyro + (bx, by, bz)",
+    .formula = "gyro -> gyro + (bx, by, bz)",
     .block = TK_SENSOR,
     .n_parameters = 3,
     .parameters =

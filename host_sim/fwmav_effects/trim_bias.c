@@ -9,7 +9,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_trim_bias = {
     .name = "trim_bias",
-    .formula = "dihedral + pitch, wing twist + yaw",
+    .formula = "dihedral -> dihedral + pitch, wing twist -> wing twist + yaw",
     .block = TK_ACTUATOR,
     .n_parameters = 2,
     .parameters =

@@ -8,7 +8,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect fwmav_vibration = {
     .name = "vibration",
-    .formula = "shaking of the sensors (1 + a)",
+    .formula = "vibration of the sensors -> vibration (1 + a)",
     .block = TK_PLANT,
     .n_parameters = 1,
     .parameters = {{"a", "1", -1, 2, 0.5}},

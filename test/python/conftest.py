@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["COLUMNS"] = "80"
 
 # Files that take longest, in processor time: a worker that begins with one of them at the end leaves the others idle.
 SLOWEST = (
@@ -35,6 +36,8 @@ def tinykoop_in(monkeypatch, capsys):
         monkeypatch.setattr(sys, "argv", ["tinykoop", *map(str, arguments)])
         capsys.readouterr()
         status = cli.main()
-        return subprocess.CompletedProcess(arguments, status, *capsys.readouterr())
+        said = capsys.readouterr()
+        assert not [line for line in said.out.splitlines() if "───" in line and len(line) > 80] and "…" not in said.out
+        return subprocess.CompletedProcess(arguments, status, *said)
 
     return run

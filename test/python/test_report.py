@@ -238,9 +238,9 @@ def test_parameters_are_rounded_by_their_interval():
               "params_ci95": {"tau": [0.29874, 0.30130], "B": [-5.0, 30.0], "C": [None, None], "D": [1.9, 2.0]}}  # fmt: skip
     assert words.parameters(effect) == [
         ("tau", "0.3000 s", "[0.2987, 0.3013]", []),
-        ("B", "9 (no unit)", "[-5, 30]", ["undetermined"]),
-        ("C", "1.70 (no unit)", "no interval", ["undetermined"]),
-        ("D", "2.00 (no unit)", "[1.90, 2.00]", ["at its bound"]),
+        ("B", "9", "[-5, 30]", ["undetermined"]),
+        ("C", "1.70", "no interval", ["undetermined"]),
+        ("D", "2.00", "[1.90, 2.00]", ["at its bound"]),
     ]
 
 

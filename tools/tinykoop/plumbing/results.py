@@ -10,12 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
+from rich.padding import Padding
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, track
 from rich.table import Table
 
 from .errors import UserError
+
+MOST_KEYS = 3  # columns that are repeated where a table is too wide
 
 
 class _Console(Console):
@@ -23,9 +27,7 @@ class _Console(Console):
         raise  # rich would end the process here with its own status; cli.main() says which one
 
 
-_terminal = _Console(markup=False)  # brackets in the name of a file are no style
-# Tables are made for 110 columns; where the width is unknown (a pipe, CI) that is what they get.
-console = _terminal if _terminal.width >= 110 else _Console(width=110, markup=False)
+console = _Console(markup=False)  # brackets in the name of a file are no style; a pipe is as wide as a terminal of 80 columns
 
 
 def printable(name):
@@ -151,21 +153,52 @@ def number(value, digits=3):
 
 
 def print_table(title, headers, rows, note=""):
-    """A table whose first column is text and whose others are figures."""
-    table = Table(
-        title=f"\n{title}",
-        caption=note,
-        title_justify="left",
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
+    """A table whose first column is text and whose others are figures; one that is too wide goes on below, with its first columns again."""
+    cells = [[str(cell) for cell in row] for row in rows]
+    kept = [j for j, header in enumerate(headers) if not cells or any(row[j] for row in cells) or j == 0]
+    parts = _parts([headers[j] for j in kept], [[row[j] for j in kept] for row in cells])
+    for i, (names, part) in enumerate(parts):
+        console.print(_table(f"\n{title}" if i == 0 else None, names, part, note if i == len(parts) - 1 else ""))
+
+
+def _table(title, headers, rows, note=""):
+    style = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}
+    table = Table(title=title, caption=note, title_justify="left", caption_justify="left", **style)
+    fits = sum(_widths(headers, rows)) <= console.width
     for i, header in enumerate(headers):
-        table.add_column(header, justify="right" if i else "left", no_wrap=True)
+        table.add_column(header, justify="right" if i else "left", no_wrap=fits, overflow="fold")
     for row in rows:
-        table.add_row(*[str(cell) for cell in row])
-    console.print(table)
+        table.add_row(*row)
+    return table
+
+
+def _widths(headers, rows):
+    """Of each column with what is between it and the next."""
+    return [2 + max(cell_len(row[j]) for row in [headers, *rows]) for j in range(len(headers))]
+
+
+def _parts(headers, rows):
+    """[(headers, rows)] as wide as the terminal, each with the columns that tell the rows apart."""
+    widths, keys = _widths(headers, rows), _keys(rows)
+    parts = [[]]
+    for j in range(keys, len(headers)):
+        if parts[-1] and sum(widths[k] for k in (*range(keys), *parts[-1], j)) > console.width:
+            parts.append([])
+        parts[-1].append(j)
+    columns = [[*range(keys), *part] for part in parts]
+    return [([headers[j] for j in part], [[row[j] for j in part] for row in rows]) for part in columns]
+
+
+def _keys(rows):
+    """How many first columns tell the rows apart: one where no few do."""
+    return next((k for k in range(1, MOST_KEYS + 1) if len({tuple(row[:k]) for row in rows}) == len(rows)), 1)
+
+
+def print_terms(title, terms):
+    """A list of names and what is said of each, {name: text}."""
+    console.print(f"\n{title}", style="bold")
+    for name, text in terms.items():
+        console.print(Padding(f"{name}: {text}", (0, 0, 0, 2)), highlight=False)
 
 
 def progress(items, description):

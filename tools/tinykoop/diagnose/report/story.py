@@ -420,7 +420,7 @@ class Teller:
             worth = ", ".join(f"{self.title(e['name'])} {number(real(e['evidence']))}" for e in shown)
             note = f"Evidence (increase of the sum of squared residuals, in noise variances, without the effect): {worth}. {SCORE}"
         drawn = (self.ranking(), *self.contributions()) if self.report["ranking"] else ()
-        formulas = tuple(f"{capital(self.title(e['name']))}: {e['formula']}." for e in shown if e.get("formula"))
+        formulas = tuple(f"{capital(self.title(e['name']))}: {words.formula(e)}." for e in shown if words.formula(e))
         return Section("Which effect", tables, note, drawn, formulas, len(formulas))
 
     def ranked(self):

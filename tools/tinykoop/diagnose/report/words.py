@@ -158,6 +158,15 @@ def marks(effect, name):
     return said
 
 
+def formula(effect):
+    """What an effect does, with the units of its parameters; "" where that is not known."""
+    units = effect.get("units", {})
+    bare = [name for name, unit in units.items() if unit == "1"]
+    known = [f"{name} in {unit}" for name, unit in units.items() if unit != "1"]
+    known += [f"{listed(bare)} dimensionless"] if bare else []
+    return f"{effect['formula']} ({', '.join(known)})" if effect.get("formula") else ""
+
+
 def parameters(effect):
     """[(name, value with unit, interval, marks)] of an effect."""
     out = []
@@ -169,5 +178,5 @@ def parameters(effect):
             shown = quantity(value, unit, places), "[{}, {}]".format(*(quantity(b, "1", places) for b in (low, high)))
         else:
             shown = quantity(value, unit), "no interval"
-        out.append((name, shown[0] + " (no unit)" * (unit == "1"), shown[1], marks(effect, name)))
+        out.append((name, *shown, marks(effect, name)))
     return out

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ... import bridge
-from ...plumbing.results import number, print_table
+from ...plumbing.results import number, print_table, print_terms
 from ..platforms.own.path import Path
 from ..robot import RobotLog
 from . import is_own, library, toml
@@ -17,8 +17,9 @@ def _bound(value):
 
 
 def _of_c(platform):
-    """Rows of a robot that comes with TinyKoop: [(name, block, parameters)]."""
-    return [(name, block, [tuple(p) for p in rows], "") for name, (block, rows) in bridge.effects(platform).items()]
+    """Rows of a robot that comes with TinyKoop: [(name, block, parameters, formula)]."""
+    formulas = bridge.formulas(platform)
+    return [(name, block, [tuple(p) for p in rows], formulas[name]) for name, (block, rows) in bridge.effects(platform).items()]
 
 
 def _unit_log(robot):
@@ -39,11 +40,13 @@ def run(robot, log_file=None):
     """Prints the table."""
     own = is_own(robot)
     found = toml.read(robot) if own else None
-    rows, note = [], ""
+    rows, formulas, note = [], {}, ""
     for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot):
+        formulas[name] = formula
         for i, (parameter, unit, low, high, usual) in enumerate(parameters):
             first = (name, block) if i == 0 else ("", "")
             rows.append((*first, parameter, unit, _bound(low), _bound(high), number(float(usual))))
     if own and not log_file:
         note = "Sizes are those for signals that reach from -1 to 1, every 0.01 s; with --log LOG.csv they are those of your log."
     print_table(f"Effects of {found.name if own else robot}", HEADERS, rows, note)
+    print_terms("Formulas", {name: formula for name, formula in formulas.items() if formula})

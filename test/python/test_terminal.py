@@ -10,6 +10,7 @@ from io import StringIO
 
 import pytest
 from rich.console import Console
+from tinykoop import cli
 from tinykoop.plumbing import results
 
 WIDTH = 80
@@ -79,3 +80,32 @@ def test_on_a_terminal_of_80_columns_and_in_a_pipe_the_same_is_shown():
                 break
     assert [line.rstrip() for line in seen.decode().splitlines()] == [line.rstrip() for line in piped.splitlines()]
     assert max(map(len, piped.splitlines())) <= WIDTH
+
+
+# ---- help ---------------------------------------------------------------------------------------------------------
+
+
+def subcommands():
+    (commands,) = (action for action in cli.parser()._actions if isinstance(action.choices, dict))
+    return commands.choices
+
+
+def test_every_command_stands_in_one_group_of_the_help():
+    shown = re.findall(r"^  (\w+) ", cli.parser().format_help().partition("your log:")[2], re.M)
+    assert sorted(shown) == sorted(subcommands()) and len(shown) > 20
+
+
+@pytest.mark.parametrize("name, command", subcommands().items())
+def test_the_defaults_that_help_shows_are_those_without_options(name, command, monkeypatch):
+    """An option with a value says its default, or that it needs one, or what happens without it."""
+    monkeypatch.setenv("COLUMNS", "1000")
+    parts = re.split(r"^  (?=-)", command.format_help(), flags=re.M)[1:]
+    shown = {
+        re.match(r".*?(--[a-z0-9-]+)", part)[1]: part.rpartition("(default: ")[2].strip()[:-1] for part in parts if "(default: " in part
+    }
+    for action in command._actions:
+        option = next((text for text in action.option_strings if text.startswith("--")), None)
+        if option in shown and action.default is not None and option != "--out":
+            assert type(action.default)(shown[option]) == action.default
+        if action.option_strings and isinstance(action.default, (int, float, str)) and action.default not in (False, "==SUPPRESS=="):
+            assert any(text in shown for text in action.option_strings), action.option_strings

@@ -53,7 +53,7 @@ def _your_log(add):
     fix.add_argument("--into", required=True, metavar="FILE", help=INTO)
     fix.add_argument("--write", action="store_true", help="change the file; otherwise the change is printed as a diff")
     effects = add("effects", "list all effects with formula, parameters, units, bounds and typical size", out=False)
-    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=f"{whose}; default: ddr")
+    effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=whose)
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     play = add("replay", "run the eleven methods over a log, both precisions and forms")
     play.add_argument("log")
@@ -79,8 +79,8 @@ def _your_log(add):
     flight = add("fly", "simulate a flight of the flapping-wing vehicle and write its log", out=False)
     flight.add_argument("manoeuvre", choices=("hover", "pitch", "yaw"))
     flight.add_argument("log", type=Path, help="file to write, .csv")
-    flight.add_argument("--seconds", type=float, default=40.0)
-    flight.add_argument("--seed", type=int, default=1)
+    flight.add_argument("--seconds", type=float, default=40.0, help="of the flight")
+    flight.add_argument("--seed", type=int, default=1, help="of noise and turbulence")
     flight.add_argument(
         "--effect", action="append", default=[], metavar="NAME[=V,V][@T0,T1]",
         help="an unmodelled effect, with its usual parameters or these, all the time or from T0 to T1 (s)",
@@ -90,9 +90,9 @@ def _your_log(add):
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
     fit.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    fit.add_argument("--dictionary", choices=("poly", "rbf"), default="rbf")
-    fit.add_argument("--precision", type=int, choices=(32, 64), default=32)
-    fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation (default 1e4)")
+    fit.add_argument("--dictionary", choices=("poly", "rbf"), default="rbf", help="lifting functions")
+    fit.add_argument("--precision", type=int, choices=(32, 64), default=32, help="bits of a number")
+    fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation")
 
 
 def _paper(add):
@@ -109,7 +109,7 @@ def _paper(add):
     add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     add("windup", "float32 against float64 for every dictionary, regulator and form")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
-    study.add_argument("--runs", type=int, help="runs of each setting (default 10: about four minutes)")
+    study.add_argument("--runs", type=int, default=10, help="runs of each setting; ten take about four minutes")
     add("supervisor", "random closed-loop runs with and without the supervisor")
 
 
@@ -117,10 +117,10 @@ def _firmware(add):
     size = add("size", "bytes and instructions of the library on a microcontroller, for your sizes", out=False)
     size.add_argument("--lifted", "-N", type=int, required=True, help="lifted states N")
     size.add_argument("--states", "-n", type=int, required=True, help="of which are the state itself")
-    size.add_argument("--inputs", "-m", type=int, required=True)
-    size.add_argument("--horizon", "-H", type=int, default=50, help="steps of the controller (default 50)")
-    size.add_argument("--precision", type=int, choices=(32, 64), default=32)
-    size.add_argument("--target", default="cortex-m4f", help="a folder of targets/ (default cortex-m4f)")
+    size.add_argument("--inputs", "-m", type=int, required=True, help="commands m")
+    size.add_argument("--horizon", "-H", type=int, default=50, help="steps of the controller")
+    size.add_argument("--precision", type=int, choices=(32, 64), default=32, help="bits of a number")
+    size.add_argument("--target", default="cortex-m4f", help="a folder of targets/")
 
     cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
@@ -129,27 +129,27 @@ def _firmware(add):
 
 def _assurance(add):
     blind = add("blind", "blind evaluation of the diagnoser on simulated logs with sealed labels")
-    blind.add_argument("--platform", choices=PLATFORMS, default="ddr")
+    blind.add_argument("--platform", choices=PLATFORMS, default="ddr", help="whose diagnoser")
     blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: inject known effects into this real flight instead")
-    blind.add_argument("--n", type=int, default=20, help="logs of each tier (default 20)")
-    blind.add_argument("--seed", type=int, default=1)
+    blind.add_argument("--n", type=int, default=20, help="logs of each tier")
+    blind.add_argument("--seed", type=int, default=1, help="of all logs")
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler")
 
     add("coverage", "lines, branches and MC/DC of lib/ that the C tests reach")
     mutants = add("mutants", "how many small faults put into lib/ the C tests find")
-    mutants.add_argument("--n", type=int, default=1000, help="mutants (default 1000)")
-    mutants.add_argument("--seed", type=int, default=1, help="which mutants (default 1)")
+    mutants.add_argument("--n", type=int, default=1000, help="mutants")
+    mutants.add_argument("--seed", type=int, default=1, help="which mutants")
     mutants.add_argument("--file", help="all mutants of this file instead, such as lib/src/mpc.c")
     fuzz = add("fuzz", "libFuzzer on the CSV reader, every public call, and sequences of calls")
-    fuzz.add_argument("--seconds", type=float, default=60.0, help="for each target (default 60)")
+    fuzz.add_argument("--seconds", type=float, default=60.0, help="for each target")
     add("static", "clang-tidy, cppcheck with MISRA, gcc -fanalyzer, Frama-C, complexity of lib/")
     soak = add("soak", "every kind of estimator through every kind of fault")
-    soak.add_argument("--updates", type=float, default=1e8, help="in all (default 1e8)")
+    soak.add_argument("--updates", type=float, default=1e8, help="in all")
     flips = add("flips", "one flipped bit in the storage of learner, gate, supervisor and controller")
-    flips.add_argument("--trials", type=float, default=240e3, help="in all (default 240,000)")
-    flips.add_argument("--seed", type=int, default=1, help="of the robots and of the bits (default 1)")
+    flips.add_argument("--trials", type=float, default=240e3, help="in all")
+    flips.add_argument("--seed", type=int, default=1, help="of the robots and of the bits")
     add("determinism", "the same bits from both compilers, all optimisation levels, and a Cortex-M4F")
     flags = add("flags", "the C tests with lib/ under the compiler flags of flight stacks")
     flags.add_argument("--compiler", action="append", help="only this one of gcc, clang, clang-19, arm-none-eabi-gcc; may be given again")
@@ -157,6 +157,18 @@ def _assurance(add):
         "--set", action="append", metavar="NAME", help="only these flags of test/flags/stacks.json, as PX4; may be given again"
     )
     add("sanitize", "the tests under AddressSanitizer, UBSan, ThreadSanitizer and valgrind")
+
+
+def _written(default):
+    return f"{default:.15g}" if isinstance(default, float) else default
+
+
+class _Help(argparse.HelpFormatter):
+    """Shows the defaults as they are."""
+
+    def _get_help_string(self, action):
+        shown = action.default not in (None, False, [], argparse.SUPPRESS) and action.option_strings and "default" not in action.help
+        return f"{action.help} (default: {_written(action.default)})" if shown else action.help
 
 
 GROUPS = {"your log": _your_log, "the paper": _paper, "firmware": _firmware, "assurance": _assurance}
@@ -172,7 +184,7 @@ def parser():
 
     def add(name, summary, out=True):
         listed.append(f"  {name:<13}{summary}")
-        command = commands.add_parser(name, description=summary)
+        command = commands.add_parser(name, description=summary, formatter_class=_Help)
         if out:
             command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
         if name in TABLES:
@@ -233,7 +245,7 @@ def dispatch(a):
     elif a.command == "study":
         from .experiments import study
 
-        study.run(a.out, study.RUNS if a.runs is None else a.runs, a.update)
+        study.run(a.out, a.runs, a.update)
     elif a.command == "diagnose":
         from . import diagnose
         from .diagnose import several

@@ -19,10 +19,8 @@ from .. import scenario
 from . import bistability, causes, figures, sensitivities, solvers, tables
 from .closed_loop import scene
 
-RUNS = 10
 
-
-def run(out, runs=RUNS, update=False):
+def run(out, runs, update=False):
     """Writes study.json and its plots into `out`, and with `update` the tables of docs/control.md; returns the rows."""
     if runs < 1:
         raise UserError(f"--runs is {runs}, it must be at least 1")

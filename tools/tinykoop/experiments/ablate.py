@@ -194,13 +194,13 @@ def draw_rollout(out, rows):
             if name == method.dictionary:
                 ax.loglog(
                     scenario.HORIZONS, row["rollout_error"].values(), marker="o", ms=3,
-                    label=method.label, **plots.STYLES[method.regulator],
+                    label=scenario.LABELS[method.regulator], **plots.STYLES[method.regulator],
                 )  # fmt: skip
     for name, ax in zip(("Poly", "RBF"), axes):
         ax.set_title(name)
         ax.set_xticks(scenario.HORIZONS, [str(h) for h in scenario.HORIZONS])
         ax.set_xlabel("prediction horizon (steps of 50 ms)")
         ax.set_ylim(5e-4, 10)
-        ax.legend()
     axes[0].set_ylabel("mean state error (m, rad)")
+    plots.legend(figure)
     plots.save(figure, out / "ablate_rollout.png")

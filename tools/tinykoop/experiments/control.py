@@ -143,13 +143,18 @@ def draw_paths(out, traces, reference):
         for method, values in aside.items():
             if method.dictionary == name:
                 t = np.arange(len(values)) * scenario.DT
-                ax.semilogy(t, np.maximum(plots.smooth(values), 1e-3), lw=1.1, label=method.label, **plots.STYLES[method.regulator])
+                ax.semilogy(
+                    t,
+                    np.maximum(plots.smooth(values), 1e-3),
+                    lw=1.1,
+                    label=scenario.LABELS[method.regulator],
+                    **plots.STYLES[method.regulator],
+                )
         ax.set_title({"poly": "Poly", "rbf": "RBF"}[name], pad=16)
         _mark(ax)
         ax.set_xlabel("time (s)")
-        ax.legend(ncols=2)
     axes[0].set_ylabel("distance across the reference, RMS over 2.5 s (m)")
-    axes[0].set_ylim(top=1e5)  # room for the legend
+    plots.legend(figure)
     plots.save(figure, out / "control_paths.png")
 
 
@@ -160,13 +165,13 @@ def _over_time(out, traces, value, title, ylabel, name):
     for method, trace in traces.items():
         for key, ax in zip(("poly", "rbf"), axes):
             if method.dictionary == key:
-                ax.semilogy(t, value(trace), lw=1.1, label=method.label, **plots.STYLES[method.regulator])
+                ax.semilogy(t, value(trace), lw=1.1, label=scenario.LABELS[method.regulator], **plots.STYLES[method.regulator])
     for key, ax in zip(("Poly", "RBF"), axes):
         ax.set_title(key, pad=16)
         _mark(ax)
         ax.set_xlabel("time (s)")
-        ax.legend(ncols=2)
     axes[0].set_ylabel(ylabel)
+    plots.legend(figure)
     plots.save(figure, out / name)
 
 
@@ -183,21 +188,21 @@ def draw_errors(out, traces):
 
 
 def draw_inputs(out, traces):
-    """Applied inputs with their limits."""
+    """Applied inputs with their limits, one row of panels per method: they would hide each other."""
     shown = [("rbf", "offline"), ("rbf", "sift"), ("rbf", "dz_cs"), ("poly", "dz_ks")]
-    figure, axes = plots.subplots(2, 1, figsize=(10, 5), sharex=True)
+    figure, axes = plots.subplots(len(shown), 2, figsize=(10, 7), sharex=True, sharey="col")
     figure.suptitle("Applied inputs and their limits (dashed): the controller uses the box and never leaves it", x=0.01, ha="left")
     t = np.arange(STEPS) * scenario.DT
-    for column, (ax, label) in enumerate(zip(axes, ("$v$ (m/s)", "$\\omega$ (rad/s)"))):
-        for key in shown:
-            method = scenario.Method(*key)
-            ax.plot(t, traces[method]["u"][:, column], lw=0.9, label=method.label, **plots.STYLES[method.regulator])
-        for limit in (MPC.u_min[column], MPC.u_max[column]):
-            ax.axhline(limit, color="k", lw=0.8, ls="--")
-        _mark(ax, names=column == 0)
-        ax.set_ylabel(label)
-    axes[0].legend(ncols=4, loc="upper center", bbox_to_anchor=(0.5, 0.95))
-    axes[1].set_xlabel("time (s)")
+    for row, method in zip(axes, (scenario.Method(*key) for key in shown)):
+        for column, (ax, label) in enumerate(zip(row, ("$v$ (m/s)", "$\\omega$ (rad/s)"))):
+            ax.plot(t, traces[method]["u"][:, column], color="0.2", lw=0.7, label=method.label)
+            for limit in (MPC.u_min[column], MPC.u_max[column]):
+                ax.axhline(limit, color="k", lw=0.8, ls="--")
+            ax.set_title(method.label, pad=16 if row is axes[0] else None)
+            _mark(ax, names=row is axes[0])
+            ax.set_ylabel(label)
+    for ax in axes[-1]:
+        ax.set_xlabel("time (s)")
     plots.save(figure, out / "control_inputs.png")
 
 
@@ -221,5 +226,5 @@ def draw_covariance(out, traces):
         top.set_ylabel("$\\lambda_{max}(P)$")
         bottom.set_ylabel("condition number of $P$")
         bottom.set_xlabel("time (s)")
-        top.legend(ncols=2)
+    plots.legend(figure)
     plots.save(figure, out / "control_covariance.png")

@@ -136,8 +136,7 @@ def draw_paths(out, x, traces):
     _phased(ax, "")
     ax.set_ylabel("error across the path, RMS over 2.5 s (m)")
     ax.set_xlabel("time (s)")
-    ax.legend(ncols=3, loc="upper right")
-    ax.set_ylim(top=10 * max(worst.values()))  # room for the legend
+    plots.legend(figure)
     plots.save(figure, out / "learn_paths.png")
 
 
@@ -148,13 +147,13 @@ def draw_error(out, t, traces):
     )
     for method, trace in traces.items():
         for name in ("poly", "rbf") if method.regulator == "offline" else (method.dictionary,):
-            axes[name].semilogy(t, plots.smooth(trace["error"]), lw=1.2, label=method.label, **plots.STYLES[method.regulator])
+            axes[name].semilogy(t, plots.smooth(trace["error"]), lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
     for name, ax in axes.items():
         _phased(ax, {"poly": "Poly", "rbf": "RBF"}[name])
         ax.set_xlabel("time (s)")
-        ax.legend(ncols=2, loc="upper right")
-        ax.set_ylim(1e-4, 30)
+        ax.set_ylim(1e-4, 1)
     axes["poly"].set_ylabel("one-step error, RMS over 2.5 s (m, rad)")
+    plots.legend(figure)
     plots.save(figure, out / "learn_error.png")
 
 
@@ -171,10 +170,10 @@ def draw_operator(out, t, traces):
     for name, (top, bottom) in columns.items():
         _phased(top, {"poly": "Poly", "rbf": "RBF"}[name])
         scenario.mark_phases(bottom, names=False)
-        top.legend(ncols=2)
         bottom.set_xlabel("time (s)")
         top.set_ylabel("$\\|A\\|_F$")
         bottom.set_ylabel("$\\|B\\|_F$")
+    plots.legend(figure)
     plots.save(figure, out / "learn_operator.png")
 
 
@@ -206,7 +205,7 @@ def draw_covariance(out, t, traces):
         bottom.axhline(1 / np.finfo(np.float32).eps, color="k", lw=0.8)
         bottom.annotate("1 / epsilon of float32", (t[-1], 1 / np.finfo(np.float32).eps), ha="right", va="bottom", fontsize=7)
         bottom.set_xlabel("time (s)")
-        top.legend(ncols=2)
+    plots.legend(figure)
     plots.save(figure, out / "learn_covariance.png")
 
 

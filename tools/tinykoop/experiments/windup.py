@@ -296,7 +296,7 @@ def draw_growth(out, curves):
     ax.set_xlabel("step (of 50 ms); bars mark where samples start to be refused")
     ax.set_ylabel("$\\log_{10} \\|P\\|_F$")
     ax.set_ylim(0, 360)
-    ax.legend(loc="upper left")
+    plots.legend(figure)
     plots.save(figure, out / "windup_growth.png")
 
 

@@ -54,6 +54,12 @@ def subplots(*arguments, **options):
     return _pyplot().subplots(*arguments, **options)
 
 
+def legend(figure):
+    """Below all panels, where no data is: each label once."""
+    named = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels())}
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 6))
+
+
 def patches():
     """Shapes for legends, as matplotlib.patches."""
     import matplotlib.patches

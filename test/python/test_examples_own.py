@@ -226,9 +226,8 @@ def test_known_effects_are_in_the_library_with_these_sizes_and_unknown_ones_are_
     assert not {name for name in plant.UNKNOWN if name in {n.partition(":")[0] for n in found}}
 
 
-def test_the_simulator_misses_each_effect_at_its_weakest_by_several_times_the_noise_of_a_window(plant, examples, tmp_path, monkeypatch):
+def test_the_simulator_misses_each_effect_at_its_weakest_by_several_times_the_noise_of_a_window(plant, examples, tmp_path):
     """Controllers hide effects from the states, so it is asked what the simulator makes of the commands."""
-    monkeypatch.setattr(plant, "ROWS", 250)
 
     def missed(effects):
         robot, log = of_plant(plant, effects, examples, tmp_path)

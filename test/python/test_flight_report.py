@@ -239,7 +239,7 @@ def test_summary_fits_on_a_screen(trim, kind):
         show(story, "out/[red]report.html")
     text = caught.get()
     assert " ".join(story.sentence.split()) in " ".join(text.split()) and "out/[red]report.html" in text
-    assert len([line for line in text.splitlines() if line.strip()]) <= 40
+    assert len([line for line in text.splitlines() if line.strip()]) <= 45
 
 
 def test_a_recording_has_attitudes_as_predicted_without_and_with_the_effects(trim):

@@ -157,13 +157,14 @@ def print_table(title, headers, rows, note=""):
     cells = [[str(cell) for cell in row] for row in rows]
     kept = [j for j, header in enumerate(headers) if not cells or any(row[j] for row in cells) or j == 0]
     parts = _parts([headers[j] for j in kept], [[row[j] for j in kept] for row in cells])
-    for i, (names, part) in enumerate(parts):
-        console.print(_table(f"\n{title}" if i == 0 else None, names, part, note if i == len(parts) - 1 else ""))
+    console.print(f"\n{title}", style="italic", highlight=False)
+    for i, part in enumerate(parts):
+        console.print(*[""] * (i > 0), _table(*part), sep="\n")
+    console.print(*[note] * bool(note), style="dim italic", highlight=False, end="\n" * bool(note))
 
 
-def _table(title, headers, rows, note=""):
-    style = {"box": box.SIMPLE_HEAD, "padding": (0, 1, 0, 0), "pad_edge": False}
-    table = Table(title=title, caption=note, title_justify="left", caption_justify="left", **style)
+def _table(headers, rows):
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     fits = sum(_widths(headers, rows)) <= console.width
     for i, header in enumerate(headers):
         table.add_column(header, justify="right" if i else "left", no_wrap=fits, overflow="fold")
@@ -178,7 +179,7 @@ def _widths(headers, rows):
 
 
 def _parts(headers, rows):
-    """[(headers, rows)] as wide as the terminal, each with the columns that tell the rows apart."""
+    """[(headers, rows)] as wide as the terminal, each with the columns that identify a row."""
     widths, keys = _widths(headers, rows), _keys(rows)
     parts = [[]]
     for j in range(keys, len(headers)):
@@ -190,8 +191,9 @@ def _parts(headers, rows):
 
 
 def _keys(rows):
-    """How many first columns tell the rows apart: one where no few do."""
-    return next((k for k in range(1, MOST_KEYS + 1) if len({tuple(row[:k]) for row in rows}) == len(rows)), 1)
+    """How many first columns identify a row, the last of them with something in each; one where no few do."""
+    wide = range(1, MOST_KEYS + 1)
+    return next((k for k in wide if len({tuple(row[:k]) for row in rows}) == len(rows) and all(row[k - 1 : k] != [""] for row in rows)), 1)
 
 
 def print_terms(title, terms):

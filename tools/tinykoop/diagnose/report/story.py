@@ -421,7 +421,7 @@ class Teller:
             note = f"Evidence (increase of the sum of squared residuals, in noise variances, without the effect): {worth}. {SCORE}"
         drawn = (self.ranking(), *self.contributions()) if self.report["ranking"] else ()
         formulas = tuple(f"{capital(self.title(e['name']))}: {words.formula(e)}." for e in shown if words.formula(e))
-        return Section("Which effect", tables, note, drawn, formulas, len(formulas))
+        return Section("Which effect", tables, note, drawn, formulas)
 
     def ranked(self):
         """(effects, ranking) that are compared."""

@@ -9,7 +9,7 @@ def say(text="", style=None):
 
 def _section(section):
     if section.sentences and section.brief:
-        say(section.heading, "bold")
+        say(f"\n{section.heading}", "bold")
         for sentence in section.sentences[: section.brief]:
             say(f"  {sentence}")
 

@@ -385,7 +385,7 @@ static void test_windup_is_cured(void) {
 	real zeta[D], psi_next[N];
 	draw(1, 0, zeta, psi_next);
 	size_t indefinite = 0;
-	for (int k = 0; k < 20000; k++) {
+	for (int k = 0; k < (TEST_SHARE > 1 ? 8000 : 20000); k++) {
 		const int status = gated(zeta, psi_next, NULL);
 		CHECK(status == KOOP_OK || status == KOOP_E_INDEFINITE || status == KOOP_E_OVERFLOW, "%d", status);
 		indefinite += status != KOOP_OK;

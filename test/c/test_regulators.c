@@ -292,7 +292,7 @@ static void test_sift_keeps_eigenvalues_bounded(void) {
 		e.config.p0 = (real)p0;
 		e.config.eps_sift = (real)eps_sift;
 		estimator_start(&e);
-		for (int phase = 0; phase < 60; phase++) {
+		for (int phase = 0; phase < (TEST_SHARE > 1 ? 12 : 60); phase++) {
 			real zeta[D], psi_next[N] = {1, -1, 1, -1};
 			for (int k = 0; k < 100; k++) {
 				learned now;
@@ -349,7 +349,7 @@ static void test_sift_does_not_forget_what_is_not_excited(void) {
 		estimator_default(&e, N, M, &KOOP(reg_sift), all_forms[f]);
 		for (int k = 0; k < 50; k++) { CHECK_STATUS(KOOP_OK, estimator_update(&e, first, psi_next, NULL)); }
 		learned_take(&before, &e);
-		for (int k = 0; k < 5000; k++) {
+		for (int k = 0; k < 5000 / TEST_SHARE; k++) {
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, second, psi_next, NULL));
 		}
 		learned_take(&after, &e);

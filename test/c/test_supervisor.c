@@ -4,7 +4,7 @@
 
 #include "support.h"
 
-enum { H = 50, M = 2, STATES = 3, MOST_N = 22, D = MOST_N + M };
+enum { H = TEST_SHARE > 1 ? 20 : 50, M = 2, STATES = 3, MOST_N = 22, D = MOST_N + M };
 
 static const double dt = 0.05;
 

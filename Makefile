@@ -117,13 +117,14 @@ study: build $(VENV)/test-ready ## which Poly runs fail under control and why, s
 supervisor: build ## 200 random closed-loop runs with and without the supervisor: supervisor.json
 	@$(TINYKOOP) supervisor $(UPDATED)
 
-bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..: bench.json
+bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, .. (QUICK=1: one round): bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/bench -j $(JOBS)
-	@$(TINYKOOP) bench $(UPDATED)
+	@$(TINYKOOP) bench $(if $(QUICK),--quick) $(UPDATED)
 
-targets: $(VENV)/ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts: footprint.json
+targets: c-tests $(VENV)/test-ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts: footprint.json
 	@$(TINYKOOP) targets $(UPDATED)
+	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) test/cross
 
 coverage: $(VENV)/ready ## lines, branches and MC/DC of lib/ that the C tests reach: coverage.json
 	@$(TINYKOOP) coverage $(UPDATED)

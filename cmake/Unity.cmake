@@ -39,6 +39,6 @@ endif()
 FetchContent_Declare(unity URL "${unity_archive}" SOURCE_SUBDIR none) # only one file of it is compiled
 FetchContent_MakeAvailable(unity)
 find_path(unity_folder unity.c PATHS ${unity_SOURCE_DIR} PATH_SUFFIXES src tests/unity
-	REQUIRED NO_CACHE NO_DEFAULT_PATH NO_CMAKE_FIND_ROOT_PATH)
+	REQUIRED NO_DEFAULT_PATH NO_CMAKE_FIND_ROOT_PATH)
 add_library(unity STATIC ${unity_folder}/unity.c)
 target_include_directories(unity SYSTEM PUBLIC ${unity_folder})

@@ -15,7 +15,7 @@ os.environ["COLUMNS"] = "80"
 # Files that take longest, in processor time: a worker that begins with one of them at the end leaves the others idle.
 SLOWEST = (
     "test_examples_own", "test_diagnose", "test_diagnose_input", "test_own_robot", "test_drop_in", "test_host_faults",
-    "test_simulators_mujoco", "test_big_endian", "test_flight", "test_simulators_recorded", "test_objects", "test_assure_flips",
+    "test_simulators_mujoco", "test_flight", "test_simulators_recorded", "test_objects", "test_assure_flips",
     "test_blind_own", "test_long_logs", "test_simulators_fmu",
 )  # fmt: skip
 

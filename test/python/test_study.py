@@ -159,4 +159,4 @@ def test_study_refuses(tmp_path, monkeypatch):
     assert status == 2 and error.count("\n") == 1 and "--runs" in error
     monkeypatch.setattr(solvers, "import_module", lambda name: (_ for _ in ()).throw(ImportError))
     with pytest.raises(UserError, match="daqp is missing"):
-        study.run(tmp_path)
+        study.run(tmp_path, runs=1)

@@ -124,7 +124,8 @@ def _firmware(add):
 
     cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
-    add("bench", "time the update and the solve against peers, side by side")
+    bench = add("bench", "time the update and the solve against peers, side by side")
+    bench.add_argument("--quick", action="store_true", help="one round of each, which shows that it runs")
 
 
 def _assurance(add):
@@ -302,7 +303,7 @@ def dispatch(a):
     elif a.command == "bench":
         from . import bench
 
-        bench.run(a.out, ROOT / "build/bench", a.update)
+        bench.run(a.out, ROOT / "build/bench", a.update, a.quick)
     elif a.command == "fuzz":
         from .assure import fuzz
 

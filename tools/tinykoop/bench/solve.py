@@ -48,7 +48,7 @@ TOLERANCES = {
 }
 
 
-def run(out_dir, build_dir):
+def run(out_dir, build_dir, rounds):
     """Measures everything; writes the plots; returns rows of bench.json, all times in us per solve."""
     programs = {suffix: native.program(build_dir, name) for suffix, name in PROGRAMS.items()}
     with tempfile.TemporaryDirectory() as folder, _undisturbed():
@@ -59,7 +59,7 @@ def run(out_dir, build_dir):
         )  # fmt: skip
         for comparison in (main, poly):
             comparison.choose()
-        for _ in results.progress(range(ROUNDS), "bench: solve"):
+        for _ in results.progress(range(rounds), "bench: solve"):
             for comparison in (main, poly):
                 comparison.measure()
     facts = {suffix: native.read(path, "facts")[0] for suffix, path in programs.items()}

@@ -38,14 +38,14 @@ REPLAY_FORMS = {"plain": "", "sqrt": "_sqrt"}  # and what their rows are called
 NUMPY_ROWS = 500  # of that log: soon after, the textbook's P is lost in float32
 
 
-def run(out_dir, build_dir):
+def run(out_dir, build_dir, rounds):
     """Measures everything; writes bench_rls.png; returns rows of bench.json, all times in ns per call or sample."""
     programs = {name: native.program(build_dir, name) for name in PROGRAMS}
     data = {name: native.read(path, "data") for name, path in programs.items()}
     facts = {name: lines[-1] for name, lines in data.items()}
     samples = [line for line in data["bench_O2"] if line["kind"] == "sample"]
     peers = _python_peers(samples, facts["bench_O2"])
-    times = _measure(programs, peers)
+    times = _measure(programs, peers, rounds)
     versions = {
         "Eigen": facts["bench_O2"]["eigen"],
         "NumPy": version("numpy"),
@@ -128,12 +128,12 @@ def _python_peers(samples, learned):
     }
 
 
-def _measure(programs, peers):
+def _measure(programs, peers, rounds):
     """{(program, task, precision, who): [ns per call, ..]}, one list element per
     repeat; lists of one program are aligned. Python peers: one element per
     round, under the program name "python"."""
     times = {}
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for program, path in programs.items():
             for line in native.read(path, "run", REPEATS, CALLS):
                 if line["kind"] == "time":

@@ -1,6 +1,7 @@
 """C tests on a big-endian processor whose long double is a pair of doubles: PowerPC, emulated."""
 
 import functools
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-UNITY = ROOT / "build/unity/src"
+UNITY = Path(re.search(r"^unity_folder:PATH=(.*)$", (ROOT / "build/test/CMakeCache.txt").read_text(), re.M)[1])
 COMPILER, EMULATOR = "powerpc-linux-gnu-gcc", "qemu-ppc"
 MISSING = [program for program in (COMPILER, EMULATOR) if not shutil.which(program)]
 

@@ -87,7 +87,7 @@ def _parts(section):
 
 def _head(told):
     """The verdict, and what must stand beside it."""
-    beside = "".join(f"<p>{escape(text)}</p>" for text in told.asides)
+    beside = "".join(f"<p>{escape(text)}</p>" for text in (*told.asides, *told.glance))
     body = f'<div class="soft">Sim-to-real gap of {escape(told.files)}</div><h1>{escape(told.sentence)}</h1>{beside}'
     return f'<header class="{escape(told.verdict)}">{body}</header>{_parts(told.head)}'
 

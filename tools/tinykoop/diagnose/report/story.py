@@ -59,6 +59,7 @@ class Story:
     files: str
     sentence: str
     asides: tuple
+    glance: tuple
     head: Section
     sections: tuple
 
@@ -84,7 +85,25 @@ class Teller:
         files += f", fresh log {Path(report['fresh_file']).name}" if report.get("fresh_file") else ""
         sections = self.where(), self.which(), self.much(), self.open(), self.next(), self.measured()
         told = tuple(section for section in sections if section)
-        return Story(report["verdict"], files, self.sentence(), tuple(self.asides()), self.head(), told)
+        return Story(report["verdict"], files, self.sentence(), tuple(self.asides()), tuple(self.glance()), self.head(), told)
+
+    def glance(self):
+        """Where the gap lies and what to do next, for the first screen of the page; the sections say more."""
+        where = [f"{self.channels()[0]}. {self.time_caption()}."] if self.located() else []
+        return [*where, self.next_step()]
+
+    def next_step(self):
+        verdict, advice = self.report["verdict"], self.next().sentences
+        if verdict == "none":
+            return "Nothing is missing in the simulator. Diagnose a log of faster or other motion to test more of it."
+        if verdict == "known" and not self.left["matters"]:
+            tried = "" if "fresh" in self.report else ", and diagnose a fresh log with it"
+            return f"Next: put this into the simulator with `tinykoop patch report.json --into FILE`{tried}."
+        return (
+            f"Next: {advice[0][:1].lower()}{advice[0][1:]}"
+            if advice
+            else "Next: record another log under faster and more varied commands, and diagnose both."
+        )
 
     # ---- gaps ----------------------------------------------------------------------------------------
 

@@ -35,6 +35,7 @@ COARSE = "1e-2"  # for float32 only
 CLAIMS = {"cold": 0.35, "warm": 0.25}  # of the fastest peer's time, float64, 1e-6
 
 ROUNDS = 3
+FEW = 300  # instances of each kind, which show that everything runs
 BLOCK = 30  # steps
 SLOW = 10  # our gradient method gets each tenth step; the slow peers say themselves
 
@@ -48,13 +49,13 @@ TOLERANCES = {
 }
 
 
-def run(out_dir, build_dir, rounds):
-    """Measures everything; writes the plots; returns rows of bench.json, all times in us per solve."""
+def run(out_dir, build_dir, rounds=ROUNDS, most=None):
+    """Measures `most` instances of each kind, or all; writes the plots; returns rows of bench.json, all times in us per solve."""
     programs = {suffix: native.program(build_dir, name) for suffix, name in PROGRAMS.items()}
     with tempfile.TemporaryDirectory() as folder, _undisturbed():
-        main = Comparison(recorded(METHODS), qp_peers.PEERS, TOLERANCES, programs, Path(folder) / "rbf")
+        main = Comparison(recorded(METHODS, most), qp_peers.PEERS, TOLERANCES, programs, Path(folder) / "rbf")
         poly = Comparison(
-            recorded(POLY), (qp_peers.Daqp, qp_peers.Proxqp), {("f64", NEWTON): TOLERANCES["f64", NEWTON]}, programs,
+            recorded(POLY, most), (qp_peers.Daqp, qp_peers.Proxqp), {("f64", NEWTON): TOLERANCES["f64", NEWTON]}, programs,
             Path(folder) / "poly",
         )  # fmt: skip
         for comparison in (main, poly):
@@ -82,10 +83,12 @@ def _undisturbed():
         gc.enable()
 
 
-def recorded(methods):
-    """Instances of all methods, shuffled so that any few of them are a fair sample."""
+def recorded(methods, most=None):
+    """Instances of all methods, or `most` of each kind, shuffled so that any few of them are a fair sample."""
     found = [i for method in results.progress(methods, "bench: record") for i in qp.instances(method)]
-    return [found[k] for k in np.random.default_rng(0).permutation(len(found))]
+    shuffled = [found[k] for k in np.random.default_rng(0).permutation(len(found))]
+    kept = {id(i) for kind in KINDS for i in [i for i in shuffled if i.kind == kind][:most]}
+    return [i for i in shuffled if id(i) in kept]
 
 
 def write_file(path, instances):

@@ -38,7 +38,7 @@ REPLAY_FORMS = {"plain": "", "sqrt": "_sqrt"}  # and what their rows are called
 NUMPY_ROWS = 500  # of that log: soon after, the textbook's P is lost in float32
 
 
-def run(out_dir, build_dir, rounds):
+def run(out_dir, build_dir, rounds=ROUNDS):
     """Measures everything; writes bench_rls.png; returns rows of bench.json, all times in ns per call or sample."""
     programs = {name: native.program(build_dir, name) for name in PROGRAMS}
     data = {name: native.read(path, "data") for name, path in programs.items()}

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "tools")}
 TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
 AMALGAMATE = [sys.executable, str(ROOT / "tools/amalgamate.py")]
-PLOTS = ["learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
+PLOTS = ["learn_adaptation.png", "learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
 
 
 def python(code, *arguments):

@@ -67,7 +67,14 @@ def test_learn_json(learned):
 
 def test_learn_plots(learned):
     plots = sorted(path.name for path in learned.glob("*.png"))
-    assert plots == ["learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
+    assert plots == [
+        "learn_adaptation.png",
+        "learn_covariance.png",
+        "learn_error.png",
+        "learn_operator.png",
+        "learn_paths.png",
+        "learn_precision.png",
+    ]
     assert not list(learned.glob("*.part"))
 
 

@@ -32,7 +32,7 @@ def gap(out):
 def run(out, log=None, update=False):
     """Learning, control, ablations, precision study and gap diagnosis of the DDR; then a replay of the log, if one is given.
 
-    update: the two pictures of the README are made again, too.
+    update: the pictures of the README and of docs/learning.md are made again, too.
     """
     learn.run(out)
     control.run(out)
@@ -40,8 +40,9 @@ def run(out, log=None, update=False):
     windup.run(out)
     result = gap(out)
     if update:
+        pages.picture(Path(out) / "learn_adaptation.png")
         pages.picture(Path(out) / "windup_lanes.png")
         write_bytes(pages.ROOT / "docs/gap.svg", picture(Teller(result).story()))
     if log:
         replay.run_log(log, out)
-    console.print(f"\nResults and plots are in {out}: start with learn_error.png, windup_lanes.png and diagnose/report.html")
+    console.print(f"\nResults and plots are in {out}: start with learn_adaptation.png, learn_error.png and diagnose/report.html")

@@ -101,6 +101,7 @@ def draw(out, x, traces, rows):
     """All plots of this experiment."""
     t = np.arange(len(x) - 1) * scenario.DT
     f64 = {method: trace for (method, precision), trace in traces.items() if precision == 64}
+    draw_adaptation(out, t, x, f64)
     draw_paths(out, x, f64)
     draw_error(out, t, f64)
     draw_operator(out, t, f64)
@@ -118,6 +119,27 @@ def _phased(axes, name):
     """Title above the names of the phases."""
     axes.set_title(name, pad=16)
     scenario.mark_phases(axes)
+
+
+def draw_adaptation(out, t, x, traces):
+    """What learning is for, in two lines: the position that one model expects one step ahead, and where the robot was."""
+    shown = {"offline": "fixed model, fitted to the nominal robot", "dz_cs": "TinyKoop, learning during the drive"}
+    errors = {
+        name: 1000 * plots.smooth(np.linalg.norm((traces[scenario.Method("rbf", name)]["predicted"] - x[1:])[:, :2], axis=1))
+        for name in shown
+    }
+    slid = (t >= 110) & (t < 200)  # friction acts from 100 s to 200 s, and 10 s are left for learning
+    fixed, learned = (np.median(errors[name][slid]) for name in shown)
+    figure, ax = plots.subplots(figsize=(7, 3.6))
+    ax.set_title(f"Under friction the fixed model errs by {fixed:.0f} mm per step, the learned one by {learned:.1f} mm", pad=16)
+    for name, label in shown.items():
+        ax.semilogy(t, errors[name], lw=1.4, label=label, **plots.STYLES[name])
+    scenario.mark_phases(ax)
+    ax.set_xlabel("time (s); a simulated differential drive")
+    ax.set_ylabel("error of the predicted position (mm)")
+    ax.set_ylim(0.1, 100)
+    plots.legend(figure)
+    plots.save(figure, out / "learn_adaptation.png")
 
 
 def draw_paths(out, x, traces):

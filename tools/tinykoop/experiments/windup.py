@@ -232,7 +232,8 @@ def draw_lanes(out, rows):
     """One lane for each run: how long it stayed sound."""
     figure, axes = plots.subplots(1, 2, figsize=(11, 7), sharey=True)
     figure.suptitle(
-        "Of our forms only plain breaks, and only vanilla RBF: f32 after 500 steps, f64 after 1,500; the textbook form breaks anywhere",
+        "The covariance P loses positive definiteness in the textbook form with every regulator; "
+        "in the square-root form (sqrt) with none",
         x=0.01, ha="left",
     )  # fmt: skip
     lanes = [(regulator, form, precision) for regulator in REGULATORS for precision in (32, 64) for form in FORMS]
@@ -253,7 +254,7 @@ def draw_lanes(out, rows):
             if non_finite is not None:
                 ax.barh(y, end - non_finite, left=non_finite, color="k", height=0.8)
         ax.set_title({"poly": "Poly", "rbf": "RBF"}[dictionary])
-        ax.set_xlabel("step (of 50 ms)")
+        ax.set_xlabel("step, 50 ms each")
         ax.set_xlim(0, 5000)
         ax.grid(axis="y", visible=False)
     places = [i + REGULATORS.index(lane[0]) for i, lane in enumerate(lanes)]
@@ -264,9 +265,9 @@ def draw_lanes(out, rows):
     patch = plots.patches().Patch
     keys = [
         patch(facecolor="0.9", label="sound"),
-        patch(facecolor="0.65", label=f"prediction > {1000 * LEFT:g} mm from float64"),
+        patch(facecolor="0.65", label=f"prediction over {1000 * LEFT:g} mm from that of sqrt f64"),
         patch(facecolor="w", edgecolor="k", hatch="////", label="P not positive definite"),
-        patch(facecolor="k", label="P would not be finite: refused"),
+        patch(facecolor="k", label="updates refused: P would overflow"),
     ]
     figure.legend(handles=keys, loc="outside lower center", ncols=4)
     plots.save(figure, out / "windup_lanes.png")
@@ -293,7 +294,7 @@ def draw_growth(out, curves):
     for limit, name in ((38.5, "largest float32"), (77, "its square: range of the root form"), (308.3, "largest float64")):
         ax.axhline(limit, color="k", lw=0.7, ls=(0, (4, 3)))
         ax.annotate(name, (GROWTH_STEPS, limit), ha="right", va="bottom", fontsize=8)
-    ax.set_xlabel("step (of 50 ms); bars mark where samples start to be refused")
+    ax.set_xlabel("step, 50 ms each; bars mark where samples start to be refused")
     ax.set_ylabel("$\\log_{10} \\|P\\|_F$")
     ax.set_ylim(0, 360)
     plots.legend(figure)

@@ -319,7 +319,7 @@ def test_what_depends_on_nothing_is_told_in_whole_sentences(lag, left):
     result = changed(lag, unexplained={**lag.report["unexplained"], **left})
     assert not any("depends" in aside for aside in ddr.Teller(result).asides())
     result.report["verdict"] = "unknown"
-    assert ddr.Teller(result).sentence().endswith(" The rest matches none of the known effects.")
+    assert ddr.Teller(result).sentence().endswith(" What they leave matches none of the known effects.")
     result.report["effects"] = []
     assert ddr.Teller(result).sentence().endswith(" The gap matches none of the known effects.")
 
@@ -333,7 +333,7 @@ def test_unknown_does_not_claim_more_than_it_explains(lag):
     gap = {**lag.report["gap"], "closed_fraction": {"1": 1.0, "10": 1.0, "50": 1.0}}
     left = {**lag.report["unexplained"], "share": 0.4, "matters": True}
     said = ddr.Teller(changed(lag, verdict="unknown", gaps={"position": gap}, unexplained=left)).sentence()
-    assert said.startswith("Cause not identified. The best fit, actuator lag, lets the error fall from ") and "%" not in said
+    assert said.startswith("Cause not identified. The best fit among the known effects (actuator lag) lets the error fall from ") and "%" not in said
 
 
 def test_effects_that_harm_on_the_fresh_log_are_not_recommended(lag):

@@ -131,7 +131,9 @@ def draw_adaptation(out, t, x, traces):
     slid = (t >= 110) & (t < 200)  # friction acts from 100 s to 200 s, and 10 s are left for learning
     fixed, learned = (np.median(errors[name][slid]) for name in shown)
     figure, ax = plots.subplots(figsize=(7, 3.6))
-    ax.set_title(f"Under friction the fixed model errs by {fixed:.0f} mm per step, the learned one by {learned:.1f} mm", pad=16)
+    ax.set_title(
+        f"One step of 50 ms ahead, under friction, the fixed model errs by {fixed:.0f} mm, the learned one by {learned:.1f} mm", pad=16
+    )
     for name, label in shown.items():
         ax.semilogy(t, errors[name], lw=1.4, label=label, **plots.STYLES[name])
     scenario.mark_phases(ax)

@@ -23,7 +23,10 @@ DEGREES = (180 / math.pi, "deg")
 
 PARTS = ("before", "after", "noise_floor")
 GAP_HEADERS = ("ahead", "before", "after", "noise floor", "closed", "95 % interval")
-BARS = "RMS errors of predictions. Closed: the share of the gap above the noise floor that is gone, with its 95 % interval in parentheses."
+BARS = (
+    "RMS errors of predictions on rows that were not used for the fit. The noise floor is the error of a perfect simulator. "
+    "Closed: the share of the error above it that the effects remove, with its 95 % interval in parentheses."
+)
 EFFECT_HEADERS = ("effect", "parameter", "95 % interval", "confidence", "active", "remark")
 SCORE = "Score above 1: identified, and needed beside the others. Score below 1: the share that the effect would explain on its own."
 CLOSED = "Closed: the share of the gap above the noise floor that the effects remove on held-out rows; no share is given near it."
@@ -90,7 +93,16 @@ class Teller:
     def glance(self):
         """Where the gap lies and what to do next, for the first screen of the page; the sections say more."""
         where = [f"{self.channels()[0]}. {self.time_caption()}."] if self.located() else []
-        return [*where, self.next_step()]
+        return [*where, *self.shares(), self.next_step()]
+
+    def shares(self):
+        """By how much the error grows without each of several effects, largest first, in one sentence or none."""
+        worth, key = self.report.get("contributions", {}), self.horizon(self.report["gap"])
+        if self.report["verdict"] == "unknown" or len(worth) < 2 or not key:
+            return []
+        size = words.common_size(self.report["gap"]["unit"], [by[key] for by in worth.values()])
+        grows = [f"by {size(by[key])} without {self.title(name)}" for name, by in sorted(worth.items(), key=lambda w: -real(w[1][key]))]
+        return [f"The error {self.ahead(key)} grows {listed(grows)}."]
 
     def next_step(self):
         verdict, advice = self.report["verdict"], self.next().sentences
@@ -130,8 +142,8 @@ class Teller:
 
     def sizes(self, gap, key):
         """Before, after and floor as text, in one unit."""
-        values = [gap[part][key] for part in PARTS]
-        return list(map(words.common_size(gap["unit"], values), values))
+        size = words.common_size(gap["unit"], [value for part in PARTS for value in gap[part].values()])
+        return [size(gap[part][key]) for part in PARTS]
 
     def shrinks(self, gap, key):
         """0.45 m to 15 mm, 50 steps = 2.5 s ahead; noise floor 15 mm."""
@@ -235,7 +247,7 @@ class Teller:
             off = f"Beyond noise the simulator is off by {self.size(self.left['of_gap'])}"
             return f"Cause not identified. {off}. {self.unexplained('The gap')}."
         names = listed(self.title(effect["name"]) for effect in self.effects)
-        return f"Cause not identified. {self._best_fit(names)}. {self.unexplained('The rest')}."
+        return f"Cause not identified. {self._best_fit(names)}. {self.unexplained('What they leave')}."
 
     def nothing(self):
         return "nothing has changed since the healthy logs" if self.since else f"the simulator matches this {self.log} to within its noise"
@@ -255,7 +267,7 @@ class Teller:
         """How far effects that are not the cause would let the error fall."""
         key = self.horizon(self.gap)
         how = f"lets the error fall from {self.shrinks(self.gap, key)}" if key else "could not be measured"
-        return f"The best fit, {names}, {how}"
+        return f"The best fit among the known effects ({names}) {how}"
 
     def _none(self):
         key = self.horizon(self.gap)
@@ -294,9 +306,9 @@ class Teller:
         if best:
             said.append(f"The best fit among the known effects, which is not a diagnosis: {listed(self.phrase(e) for e in best)}.")
         if self.report["verdict"] == "unknown" and self.effects:
-            said.append("This is the best fit among the known effects, not a diagnosis.")
+            said.append("A best fit is not a diagnosis: do not take these effects for the cause.")
         if self.report["verdict"] == "known":
-            said.append(f"Confidence: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in self.effects)}.")
+            said.append(f"Confidence that it acts: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in self.effects)}.")
         return said
 
     def small(self):
@@ -317,7 +329,7 @@ class Teller:
             name, on = self.title(effect["name"]), there.get(effect["name"])
             if on and (self.acts(effect) != "whole log" or not on["acts"]):
                 how = "to act throughout" if on["acts"] else "not to act"
-                said.append(f"On the fresh log {name} is assumed {how}, which predicts that log better; its size is that of this log.")
+                said.append(f"On the fresh log {name} is assumed {how}, which predicts the fresh log better; its size is that of the first log.")
             if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
                 said.append(f"On the fresh log {name} is taken to grow as fast, to {words.percent_of(on['params'][AT_END])} at its end.")
         return said

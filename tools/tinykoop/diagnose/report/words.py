@@ -144,7 +144,7 @@ def acts(effect, report):
         return "whole log"
     if len(spans) > MOST_SPANS:
         return f"{len(spans)} stretches, {percent(sum(b - a for a, b in spans) / end)} of the log"
-    return listed(span(a, b) for a, b in spans)
+    return listed(f"{seconds(a)} to the end" if a > 0 and b >= end * 0.999 else span(a, b) for a, b in spans)
 
 
 def marks(effect, name):

@@ -72,6 +72,7 @@ class Drive(Teller):
         worst = np.sort(np.argsort(-np.nan_to_num(error[0]), kind="stable")[: ZOOMS if steps >= SHORTEST else 0])
         caption = f"Predicted {steps} steps ahead, the simulator is {length(np.nanmax(error[0]))} off at worst"
         caption += f", with the effects {length(np.nanmax(error[1]))}" if self.effects else ""
+        caption += f"; the worst start at {'the circle' if len(worst) == 1 else 'the circles'}" if len(worst) else ""
         keys = [("measured", "measured"), ("before", "simulator"), ("after", "with effects")]
         parts = [figures.legend(0, 14, keys[: 1 + len(shown)]), self._whole(shown, kinds, measured, worst)]
         parts += [self._zoom(i, rows[k, 0], measured[k], [p[k] for p in shown], kinds, len(worst)) for i, k in enumerate(worst)]

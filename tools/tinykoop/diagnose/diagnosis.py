@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import elsewhere
-from .prediction_errors import ahead, judge, openset
+from .prediction_errors import ahead, judge
 from .prediction_errors.answer import Answer
 from .prediction_errors.search import Search
 
@@ -67,6 +67,23 @@ def gaps(path, before, after, floor, seed=0):
     return {"gap": next(iter(found.values())), "gaps": found}
 
 
+def shares(found):
+    """Shares of the squared error beyond the sensor's noise, at the longest horizon: {"explained", "predictable", "random"}.
+
+    Explained by the causes; predictable from commands and motion by plain functions, and by no effect; random. Measured on rows that
+    neither was fitted on.
+    """
+    gap, h = next(iter(found.path.gaps)), -1
+    sensor = ahead.floor(found.path, found.state.noise.quiet(found.path), found.starts)[gap]
+    before, after, boxed, least = (ahead.rms(e[gap])[h] ** 2 for e in (found.before, found.after, found.boxed, {gap: sensor}))
+    whole = before - least
+    if not whole > 0 or not len(found.path.usual):
+        return None
+    explained = float(np.clip((before - after) / whole, 0, 1))
+    predictable = float(np.clip((after - boxed) / whole, 0, 1 - explained))
+    return {"explained": explained, "predictable": predictable, "random": 1 - explained - predictable}
+
+
 def contributions(found, every=1):
     """{effect: {H: rise of the first gap without it, the others fitted again}}, over each so many predictions."""
     path, starts, gap = found.path, found.starts[::every], next(iter(found.path.gaps))
@@ -101,7 +118,7 @@ def left_over(found):
     left = found.left
     return {
         "unit": left.unit, "gap": left.gap, "of_gap": left.of, "smallest_that_matters": left.smallest, "share": left.share,
-        "matters": bool(left.matters), "depends_on": openset.depends(openset.gains(found.search, found.state)) if left.matters else [],
+        "matters": bool(left.matters), "depends_on": found.box.depends() if left.matters else [],
     }  # fmt: skip
 
 
@@ -112,9 +129,12 @@ def report_of(found, where, hidden, unexplained=None, seed=0):
     """
     path, log, fit = found.path, found.path.log, found.fit
     fitter, names = found.fitter, {*fit.names}
+    every = effects(found)
+    believed = [effect for effect, proof in zip(every, found.proofs) if judge.established(proof) and found.verdict != "unknown"]
     return {
         "verdict": found.verdict,
-        "effects": effects(found),
+        "effects": believed,
+        "best_fit": every if len(believed) < len(every) else [],
         "small": [told(path, cause) for cause in found.small],
         "ranking": [{"name": n, "score": float(s)} for n, s in judge.ranking(found.search, fitter.fit_of(()), fit, found.proofs)],
         "ambiguous_with": {c.name: list(p.others) for c, p in zip(fit.causes, found.proofs) if p.others},
@@ -122,6 +142,7 @@ def report_of(found, where, hidden, unexplained=None, seed=0):
         "suggested_excitation": "",
         "where": where,
         **gaps(path, found.before, found.after, found.floor, seed),
+        "shares": shares(found),
         "not_testable": hidden,
         "unexplained": left_over(found) if unexplained is None else unexplained,
         "noise": noise(path, found.state.noise),

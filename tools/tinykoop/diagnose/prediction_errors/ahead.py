@@ -66,6 +66,17 @@ def missed(fitter, fit, starts):
     return out
 
 
+def pushed(path, pushes, starts):
+    """By how much pushes (K, n) in every step move predictions (S, H, c)."""
+    e, out = np.zeros((len(starts), path.A.shape[1])), []
+    for k in range(max(HORIZONS)):
+        rows = np.minimum(starts + k, len(path.A) - 1)
+        e = (path.A[rows] @ e[..., None])[..., 0] + pushes[rows]
+        if k + 1 in HORIZONS:
+            out.append(path.seen_from(starts, np.minimum(starts + k + 1, len(path.A) - 1), e))
+    return np.stack(out, 1)
+
+
 def after(fitter, fit, starts):
     """{gap: errors (S, H)} of missed()."""
     return sizes(fitter.path, missed(fitter, fit, starts))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from . import ahead, judge
+from . import ahead, judge, openset
 from .fit import Fit
 from .search import Search
 from .states import State
@@ -23,6 +23,8 @@ class Answer:
     before: dict
     after: dict
     floor: dict
+    boxed: dict  # as after, with what plain functions predict of the rest
+    box: openset.BlackBox
 
     @property
     def path(self):
@@ -48,11 +50,12 @@ def answer(path):
     path.tell_hidden(whole.noise)
     starts = ahead.starts_of(path)
     state, small = judge.paying(search, whole, starts) if path.matters_ahead else (whole, [])
-    missed = ahead.after(search.at(whole), whole.fit, starts) if small else None
+    missed, box = ahead.missed(search.at(whole), whole.fit, starts), openset.BlackBox(search, whole)
+    boxed = ahead.sizes(path, missed - ahead.pushed(path, box.pushes, starts)) if len(path.usual) else ahead.sizes(path, missed)
     fitter = search.at(state)
-    before, floor = ahead.errors(path, (), starts), ahead.floor(path, state.noise.quiet(path), starts)
-    after = ahead.after(fitter, state.fit, starts)
-    left = judge.left(search, state, whole, before, missed or after, starts)
+    before, after = ahead.errors(path, (), starts), ahead.after(fitter, state.fit, starts)
+    floor = judge.floors(path, whole.noise, before, ahead.sizes(path, missed), boxed, starts)
+    left = judge.left(search, whole, before, ahead.sizes(path, missed), boxed, floor, starts)
     fit, rests = _by_worth(fitter, state.fit)
     rivals = judge.all_rivals(search, fit, rests)
     named = judge.preferred(search, state, fit, rivals)
@@ -61,7 +64,7 @@ def answer(path):
         fit, rests = _by_worth(search.at(state), named)
         rivals = judge.all_rivals(search, fit, rests)
     proofs = judge.proofs(search, fit, rests, rivals, left)
-    word = judge.verdict(fit, proofs, left)
+    word = judge.verdict(proofs, left)
     if word == "none":
         fit, proofs, after = fitter.fit_of(()), [], before
-    return Answer(search, state, fit, proofs, left, word, small, starts, before, after, floor)
+    return Answer(search, state, fit, proofs, left, word, small, starts, before, after, floor, boxed, box)

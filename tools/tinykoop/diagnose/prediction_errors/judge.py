@@ -10,10 +10,11 @@ from .fit import SLOPE, Cause, Fit
 
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
-BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
+ESTABLISHED = 0.5  # confidence that a cause or what cannot be distinguished from it acts, from which on it is named
 SAME = 6.0  # squares, by which two explanations may differ and be one
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
+STRETCHES, CLEARLY = 20, 2.5  # of a log; standard errors, by which they must show that something can be predicted
 DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
@@ -126,15 +127,30 @@ def proofs(search, fit, rests, every, left):
     return out
 
 
-def left(search, state, whole, before, after, starts):
-    """The Left of a state: what random motion makes of predictions, or what held-out ones miss, if that is more.
+def floors(path, noise, before, after, boxed, starts):
+    """{gap: errors (S, H)} that no simulator of this robot avoids: what the sensor and the robot's own random motion make of predictions.
+
+    What plain functions predict is not random. before, after, boxed: {gap: errors (S, H)} of the nominal simulator, with causes, and
+    with causes and what plain functions predict.
+    """
+    sensor, moving = (ahead.floor(path, n, starts) for n in (noise.quiet(path), noise))
+    out = {}
+    for gap in path.gaps:
+        reached = np.minimum.reduce([ahead.rms(errors[gap]) for errors in (before, after, boxed)])
+        most = np.maximum(reached, ahead.rms(sensor[gap]))
+        with np.errstate(invalid="ignore"):
+            out[gap] = np.maximum(moving[gap] * np.fmin(most / ahead.rms(moving[gap]), 1.0), sensor[gap])
+    return out
+
+
+def left(search, state, before, after, boxed, floor, starts):
+    """The Left of a state: what plain functions predict of what causes leave, or what noise does not make of that, if that is more.
 
     In the path's first gap; in the second where only that one is worth the name, as of a robot that turns on the spot.
-    whole: the state with its small causes; before, after: {gap: errors (S, H)}, of the nominal simulator and with causes.
     """
-    path, noise = search.path, min(state.noise, whole.noise, key=lambda n: float((n.process / search.path.usual).sum()))
-    floors = [ahead.floor(path, n, starts) for n in (noise.quiet(path), noise)]
-    found = [_left_in(path, noise, before[gap], after[gap], [floor[gap] for floor in floors], gap) for gap in path.gaps]
+    path = search.path
+    parts = before, after, boxed, floor, ahead.floor(path, state.noise, starts)
+    found = [_left_in(path, state.noise, [part[gap] for part in parts], gap) for gap in path.gaps]
     found = next((one for one in found if one.of >= one.smallest), found[0])
     return replace(found, white=_white(state.fit.left.reshape(path.present.shape)))
 
@@ -146,22 +162,45 @@ def _white(left):
     return bool(np.abs(lags).max() < max(CORRELATED, chance))
 
 
-def _left_in(path, noise, before, after, floors, gap):
-    h = int(np.flatnonzero(np.isfinite(before).any(0)).max(initial=0))
-    sensor, whole = (ahead.rms(floor)[h] for floor in floors)
+def _left_in(path, noise, parts, gap):
+    """The Left of one gap, at that of the longer horizons where the larger share is left."""
+    seen = np.flatnonzero(np.isfinite(parts[0]).any(0))[1:][-2:]
+    found = [_left_at(path, noise, *parts, gap, h) for h in (seen if len(seen) else [0])]
+    return max(reversed(found), key=lambda one: one.matters * one.share)
+
+
+def _left_at(path, noise, before, after, boxed, floor, moving, gap, h):
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
-    missed = ahead.rms(after[usual, h])
-    missed = missed if missed > STANDS_OUT * whole else 0.0
-    moved = np.sqrt(max(whole**2 - sensor**2, 0.0))
-    gap_left, of = float(max(moved, missed)), float(np.sqrt(max(ahead.rms(before)[h] ** 2 - sensor**2, 0.0)))
-    return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise)), path.gaps[gap][0])
+    missed, noisy = ahead.rms(after[usual, h]), ahead.rms(moving)[h]
+    unmodelled = _apart(missed, noisy) if missed > STANDS_OUT * noisy else 0.0
+    predicted = _apart(missed, ahead.rms(boxed[usual, h])) if _better(after[usual, h], boxed[usual, h]) else 0.0
+    gap_left, of = max(unmodelled, predicted), _apart(ahead.rms(before)[h], ahead.rms(floor)[h])
+    return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise, ahead.HORIZONS[h])), path.gaps[gap][0])
 
 
-def verdict(fit, proved, left):
+def _apart(size, other):
+    """Root of the difference of two mean squares."""
+    return float(np.sqrt(max(size**2 - other**2, 0.0)))
+
+
+def _better(errors, others):
+    """Whether others are smaller by more than they vary from one stretch of the log to the next."""
+    gained = errors**2 - others**2
+    means = [part.mean() for part in np.array_split(gained[np.isfinite(gained)], STRETCHES) if len(part)]
+    return len(means) > 1 and np.mean(means) > CLEARLY * np.std(means, ddof=1) / np.sqrt(len(means))
+
+
+def established(proof):
+    """Whether a cause is named, by itself or with what this log cannot distinguish from it."""
+    return proof.any_name >= ESTABLISHED
+
+
+def verdict(proved, left):
     """The word of the contract."""
+    sure = any(map(established, proved))
     if left.matters:
-        return "unknown"
-    return "known" if fit.causes and max(p.any_name for p in proved) >= BELIEVED else "none"
+        return "partly" if sure else "unknown"
+    return "known" if sure else "none"
 
 
 def threshold_interval(fitter, fit, index, price=3.84):

@@ -4,6 +4,7 @@ import numpy as np
 
 BLOCKS, STRIPES, MOST = 8, 24, 8
 SHOWS = 1e-9
+WORTH = 10.0  # squares, that a function must take: the best of a hundred takes as much of white noise
 
 
 def forward(gram, slope, most=MOST):
@@ -13,6 +14,8 @@ def forward(gram, slope, most=MOST):
     for _ in range(min(most, len(slope))):
         gain = left**2 / size
         gain[chosen] = -1
+        if gain.max() < WORTH:
+            break
         chosen.append(int(gain.argmax()))
         part = gram[np.ix_(chosen, chosen)]
         weights = np.linalg.solve(part + 1e-9 * np.diag(np.diag(part)), slope[chosen])
@@ -20,33 +23,42 @@ def forward(gram, slope, most=MOST):
     return chosen, weights
 
 
-def gains(search, state):
-    """({(function, channel): squares that it takes of what the sensor does not explain, on rows that it was not fitted on}, all squares)."""
-    path, fitter = search.path, search.views[-1](state)
-    fit = fitter.fit_of(state.fit.causes)
-    names, pushes = path.generic()
-    columns = fitter.whiten(pushes, np.zeros((*path.present.shape, pushes.shape[-1])))
-    size = np.linalg.norm(columns, axis=0)
-    keep = np.flatnonzero(size > SHOWS)
-    columns = columns[:, keep] / size[keep]
-    n = len(fit.left)
-    block = np.arange(n) * STRIPES // n % BLOCKS
-    grams = np.stack([columns[block == b].T @ columns[block == b] for b in range(BLOCKS)])
-    slopes = np.stack([-columns[block == b].T @ fit.left[block == b] for b in range(BLOCKS)])
-    share = {}
-    for b in range(BLOCKS):
-        chosen, weights = forward(grams.sum(0) - grams[b], slopes.sum(0) - slopes[b])
-        taken = 2 * weights * slopes[b][chosen] - weights * (grams[b][np.ix_(chosen, chosen)] @ weights)
+class BlackBox:
+    """What plain functions predict of that which the causes of a state leave, each block of rows by functions fitted on the others.
+
+    pushes (K, n): what they add to where each step ends.
+    """
+
+    def __init__(self, search, state):
+        self.path, self.share = search.path, {}
+        fitter = search.at(state)
+        left = fitter.fit_of(state.fit.causes).left
+        names, pushes = self.path.generic()
+        columns = fitter.whiten(pushes, np.zeros((*self.path.present.shape, pushes.shape[-1])))
+        size = np.linalg.norm(columns, axis=0)
+        keep = np.flatnonzero(size > SHOWS)
+        self._names, self._pushes = [names[i] for i in keep], pushes[..., keep] / size[keep]
+        self.whole, self.pushes = max(float(left @ left), 1e-12), np.zeros(pushes.shape[:2])
+        self._predict(columns[:, keep] / size[keep], left)
+
+    def _predict(self, columns, left):
+        K = len(self.pushes)
+        rows = np.arange(K) * STRIPES // K % BLOCKS
+        block = np.repeat(rows, len(left) // K)
+        grams = np.stack([columns[block == b].T @ columns[block == b] for b in range(BLOCKS)])
+        slopes = np.stack([-columns[block == b].T @ left[block == b] for b in range(BLOCKS)])
+        for b in range(BLOCKS):
+            chosen, weights = forward(grams.sum(0) - grams[b], slopes.sum(0) - slopes[b])
+            self._count(chosen, 2 * weights * slopes[b][chosen] - weights * (grams[b][np.ix_(chosen, chosen)] @ weights))
+            self.pushes[rows == b] = self._pushes[rows == b][..., chosen] @ weights
+
+    def _count(self, chosen, taken):
         for i, gain in zip(chosen, taken):
-            feature, channel = names[keep[i]]
-            key = path.dependence(feature), path.channels[channel]
-            share[key] = share.get(key, 0.0) + float(gain)
-    search.at(state)
-    return share, max(float(fit.left @ fit.left), 1e-12)
+            feature, channel = self._names[i]
+            key = self.path.dependence(feature), self.path.channels[channel]
+            self.share[key] = self.share.get(key, 0.0) + float(gain)
 
-
-def depends(found):
-    """[{on, channel, share}] of gains(), largest share first."""
-    found, whole = found
-    largest = sorted(((gain / whole, *key) for key, gain in found.items() if gain > 0), reverse=True)
-    return [{"on": on, "channel": channel, "share": share} for share, on, channel in largest[:4]]
+    def depends(self):
+        """[{on, channel, share of all squares}], largest share first."""
+        largest = sorted(((gain / self.whole, *key) for key, gain in self.share.items() if gain > 0), reverse=True)
+        return [{"on": on, "channel": channel, "share": share} for share, on, channel in largest[:4]]

@@ -33,6 +33,7 @@ class Path:
     sensor_scale = 1.0  # from the noise that the engine reckons with to that of a sensor, for the report
     lookalikes: dict = {}  # {effects that together look like something that is no effect here: what}
     tiny = 0.0  # of its usual size: what is less does not matter
+    motions, motion = ("at any speed",), 0  # how random motion may depend on the command, and how it is taken to
     steady = False  # whether one command was held throughout
     spent = False  # whether the simulator was asked so much that no further cause is looked for
     matters_ahead = True  # whether a cause must close a part of the gap of predictions
@@ -53,6 +54,13 @@ class Path:
     def about(self, causes):
         """Makes steps() exact at these causes; whether they were not. Here they are everywhere."""
         return False
+
+    def move_by(self, motion):
+        """Takes random motion to depend on the command in another way. Here there is but one."""
+
+    def seen_from(self, starts, ends, deviations):
+        """Deviations (S, n) of states in rows `ends`, as ahead() has them of predictions from rows `starts` (S, c)."""
+        return deviations @ self.C.T
 
     def bends(self, causes):
         """Whether causes have the path elsewhere: steps end where they end, whatever a sensor shows."""

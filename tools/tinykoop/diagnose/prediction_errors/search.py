@@ -22,10 +22,10 @@ class Search(States):
     def run(self):
         """The State that is worth most; `base` is that without causes."""
         state = self.likeliest(self.fitter.fit_of(()))
-        state = self.base = self.with_coloured_noise(self.robust(self.referred(state)))
+        state = self.base = self.moving_alike(self.with_coloured_noise(self.robust(self.referred(state))))
         state = simpler.stepped(self, state)
         for _ in range(TURNS):
-            wide = state = self.forward(state)
+            wide = state = self.moving_alike(self.forward(state))
             for simpler_ in (simpler.begun_anew, simpler.opened, simpler.simplified, simpler.discretised):
                 state = simpler_(self, state)
             if state is wide or len(state.causes) == MOST or self.path.spent:

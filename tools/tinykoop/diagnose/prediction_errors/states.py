@@ -27,6 +27,7 @@ class State:
     fit: Fit
     noise: noises.Noise
     variant: int
+    motion: int = 0
 
     @property
     def causes(self):
@@ -60,6 +61,7 @@ class States:
         """The fitter with the noise of a state."""
         self.fitter.noise = state.noise
         self.path.step_by(state.variant)
+        self.path.move_by(state.motion)
         self.path.about(state.causes)
         return self.fitter
 
@@ -96,7 +98,7 @@ class States:
         D, E = self.path.steps([fit.causes])
         self.fitter.noise, deviance = self.path.noises.likeliest(self.path, self.fitter.noise, D, E, rounds, coloured)
         fit = self.fitter.fit_of(fit.causes)
-        return State(deviance + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant)
+        return State(deviance + self.fitter.guesses(fit.causes), fit, self.fitter.noise, self.path.variant, self.path.motion)
 
     def settled(self, state, fit):
         """Sizes and noise in turn, from those of a state; once more from no random motion.
@@ -150,6 +152,16 @@ class States:
             self.path.pass_over((self.path.present == 1).all(1))
             state = self.likeliest(self.fitter.fit_of(state.causes))
         return state
+
+    def moving_alike(self, state):
+        """With random motion that depends on the command in the way that is likeliest."""
+        best = state
+        for motion in range(len(self.path.motions)):
+            if motion != state.motion:
+                fitter = self.at(replace(state, motion=motion))
+                found = self.likeliest(fitter.fit_of(state.causes))
+                best = found if found.deviance < best.deviance - MARGIN else best
+        return best
 
     def with_coloured_noise(self, state):
         """With coloured sensor noise if that is likelier."""

@@ -79,6 +79,7 @@ class Teller:
     def __init__(self, result):
         self.result, self.report = result, result.report
         self.effects, self.left = self.report["effects"], self.report["unexplained"]
+        self.fitted = self.report["best_fit"] or self.effects  # what predictions were made with
         self.name, self.gap = self.gaps(self.report)[0]
         self.size = words.size_of(self.gap["unit"])
 
@@ -108,7 +109,7 @@ class Teller:
         verdict, advice = self.report["verdict"], self.next().sentences
         if verdict == "none":
             return "Nothing is missing in the simulator. Diagnose a log of faster or other motion to test more of it."
-        if verdict == "known" and not self.left["matters"]:
+        if verdict == "known":
             tried = "" if "fresh" in self.report else ", and diagnose a fresh log with it"
             return f"Next: put this into the simulator with `tinykoop patch report.json --into FILE`{tried}."
         return (
@@ -161,7 +162,7 @@ class Teller:
         """(caption, bars of before, after and floor for every horizon)."""
         caption = self.gap_caption(gap, place)
         caption = f"{capital(name)}: {caption}" if name else caption
-        return caption, figures.gap(self.gap_rows(gap), gap, bool(self.effects), caption)
+        return caption, figures.gap(self.gap_rows(gap), gap, bool(self.fitted), caption)
 
     def gap_caption(self, gap, place=""):
         """What the bars bear out."""
@@ -170,7 +171,7 @@ class Teller:
             return f"The gap{place} could not be measured"
         before, after, least = (real(gap[part][key]) for part in PARTS)
         when, size = capital(self.ahead(key)), words.common_size(gap["unit"], (before, after, least))
-        if not self.effects:
+        if not self.fitted:
             return f"{when} the RMS error is {size(before)}{place}; noise alone makes {size(least)}"
         if size(after) == size(before):
             return f"{when} the RMS error stays at {size(after)}{place}; noise alone makes {size(least)}"
@@ -223,11 +224,11 @@ class Teller:
         return f"{len(self.effects)} effects act: {listed(names)}"
 
     def effect_rows(self, effects):
-        """One row per parameter. An effect that is not believed has no confidence."""
-        rows, believed = [], self.report["verdict"] != "unknown"
+        """One row per parameter. An effect that is not established has no confidence."""
+        rows, sure = [], [effect["name"] for effect in self.effects]
         for effect in effects:
             for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect)):
-                confidence = percent(effect["confidence"]) if believed else "-"
+                confidence = percent(effect["confidence"]) if effect["name"] in sure else "-"
                 first = (self.title(effect["name"]), confidence, self.acts(effect)) if i == 0 else ("", "", "")
                 rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
         return rows
@@ -239,14 +240,17 @@ class Teller:
         verdict = self.report["verdict"]
         if verdict == "none":
             return f"No gap: {self.nothing()}. {capital(self._none())}."
+        since = "since the healthy logs, " * self.since
         if verdict == "known":
-            since = "since the healthy logs, " * self.since
             one = "Causes" if len(self.effects) > 1 else "Cause"
-            return f"{one} identified{' in part' if self.left['matters'] else ''}: {since}{self.causes()}. {capital(self.closing())}."
-        if not self.effects:
+            return f"{one} identified: {since}{self.causes()}. {capital(self.closing())}."
+        if verdict == "partly":
+            one = "Causes" if len(self.effects) > 1 else "Cause"
+            return f"{one} identified in part: {since}{self.causes()}. {capital(self.closing())}. {self.unexplained('The rest')}."
+        if not self.fitted:
             off = f"Beyond noise the simulator is off by {self.size(self.left['of_gap'])}"
             return f"Cause not identified. {off}. {self.unexplained('The gap')}."
-        names = listed(self.title(effect["name"]) for effect in self.effects)
+        names = listed(self.title(effect["name"]) for effect in self.fitted)
         return f"Cause not identified. {self._best_fit(names)}. {self.unexplained('What they leave')}."
 
     def nothing(self):
@@ -257,7 +261,7 @@ class Teller:
         key = self.horizon(self.gap)
         if key is None:
             return "the log is too broken up to measure the gap"
-        them = "them" if len(self.effects) > 1 else "it"
+        them = "them" if len(self.fitted) > 1 else "it"
         if not math.isfinite(real(self.gap["closed_fraction"][key])):
             before, _, least = self.sizes(self.gap, key)
             return f"the gap is about the noise ({before} against {least}, {self.ahead(key)}), so no percentage is given"
@@ -294,20 +298,18 @@ class Teller:
 
     def asides(self):
         """What must stand right beside the verdict: short sentences."""
-        said = []
-        if self.report["verdict"] == "known" and self.left["matters"]:
-            on = f" and depends on {self.depends()}" if self.depends() else ""
-            said.append(f"The rest is {self.size(self.left['gap'])} of {self.size(self.left['of_gap'])} beyond noise{on}.")
-        return said + self.doubts() + self.small() + self.tried()
+        return self.doubts() + self.small() + self.tried()
 
     def doubts(self):
         """Why the effects may not be the cause."""
-        said, best = [], self.report.get("best_fit")
-        if best:
-            said.append(f"The best fit among the known effects, which is not a diagnosis: {listed(self.phrase(e) for e in best)}.")
-        if self.report["verdict"] == "unknown" and self.effects:
+        said, sure = [], {effect["name"] for effect in self.effects}
+        helpers = [effect for effect in self.report["best_fit"] if effect["name"] not in sure]
+        if self.report["verdict"] == "unknown" and helpers:
             said.append("A best fit is not a diagnosis: do not take these effects for the cause.")
-        if self.report["verdict"] == "known":
+        elif helpers:
+            them = listed(self.phrase(effect) for effect in helpers)
+            said.append(f"In the best fit, but not established by this log: {them}.")
+        if self.effects:
             said.append(f"Confidence that it acts: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in self.effects)}.")
         return said
 
@@ -320,12 +322,12 @@ class Teller:
         """On what the effects were tried."""
         if "fresh" in self.report:
             return [self._on_fresh(), *self._carried()]
-        return ["Checked on held-out rows of this log only, not on a fresh log."] if self.effects else []
+        return ["Checked on held-out rows of this log only, not on a fresh log."] if self.fitted else []
 
     def _carried(self):
         """When effects of a part of the log act on the fresh one, and how large one grows that grows with time."""
         said, there = [], {effect["name"]: effect for effect in self.report["fresh"].get("effects", ())}
-        for effect in self.effects:
+        for effect in self.fitted:
             name, on = self.title(effect["name"]), there.get(effect["name"])
             if on and (self.acts(effect) != "whole log" or not on["acts"]):
                 how = "to act throughout" if on["acts"] else "not to act"
@@ -342,7 +344,7 @@ class Teller:
             return "The fresh log is too broken up to measure the gap."
         before, after, least = self.sizes(gap, key)
         part = real(gap["closed_fraction"][key])
-        if not self.effects:
+        if not self.fitted:
             return f"On the fresh log the simulator is {before} off, {self.ahead(key)}; noise alone makes {least}."
         if not math.isfinite(part):
             return f"On the fresh log the gap is about the noise ({before} against {least})."
@@ -354,15 +356,15 @@ class Teller:
 
     def head(self):
         """The gap, what the platform shows of predictions, and the effects where the first sentence has no room for them."""
-        told = self.report["verdict"] == "known" and len(self.effects) <= MOST_PHRASES
+        told = self.fitted == self.effects and len(self.effects) <= MOST_PHRASES
         causes = () if told else tuple(
-            f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}{self._confidence(e)})" for e in self.effects
+            f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}{self._confidence(e)})" for e in self.fitted
         )  # fmt: skip
-        note = BARS if self.effects else ""
+        note = BARS if self.fitted else ""
         return Section("", note=note, figures=(self.gap_figure(self.gap), self.predictions()), sentences=causes)
 
     def _confidence(self, effect):
-        return f", confidence {percent(effect['confidence'])}" if self.report["verdict"] != "unknown" else ""
+        return f", confidence {percent(effect['confidence'])}" if effect in self.effects else ", not established"
 
     def predictions(self):
         """(caption, figure) of predictions beside the log: the platform's."""
@@ -380,8 +382,8 @@ class Teller:
         return [part[self.name][:, j] * factor for part in (found.before, found.after, found.floor)], unit
 
     def over_time(self, errors, unit, error, caption):
-        found, with_effects = self.result.found, bool(self.effects)
-        acts = [(f"{self.title(e['name'])}: {self.acts(e)}", e["segments"]) for e in self.effects]
+        found, with_effects = self.result.found, bool(self.fitted)
+        acts = [(f"{self.title(e['name'])}: {self.acts(e)}", e["segments"]) for e in self.fitted]
         errors = errors if with_effects else errors[::2]
         ends = (0, real(self.report["log"]["seconds"]))
         return figures.over_time(found.path.t[found.starts], errors, ends, self.segments(), acts, caption, f"{error} ({unit})")
@@ -445,9 +447,9 @@ class Teller:
 
     def which(self):
         """The effects with their parameters, and the ranking beside what each is worth."""
-        shown, tables, note = self.effects or self.report.get("best_fit", []), (), SCORE
+        shown, tables, note = self.fitted, (), SCORE
         if shown:
-            tables = (Table("Effects" if self.effects else "Best fit", EFFECT_HEADERS, self.effect_rows(shown), True),)
+            tables = (Table("Best fit" if self.report["best_fit"] else "Effects", EFFECT_HEADERS, self.effect_rows(shown), True),)
             worth = ", ".join(f"{self.title(e['name'])} {number(real(e['evidence']))}" for e in shown)
             note = f"Evidence (increase of the sum of squared residuals, in noise variances, without the effect): {worth}. {SCORE}"
         drawn = (self.ranking(), *self.contributions()) if self.report["ranking"] else ()
@@ -456,11 +458,11 @@ class Teller:
 
     def ranked(self):
         """(effects, ranking) that are compared."""
-        return self.effects, self.report["ranking"]
+        return self.fitted, self.report["ranking"]
 
     def ranking(self):
         """(caption, bars of the scores; those that were found are solid)."""
-        found = {e["name"] for e in self.effects}
+        found = {e["name"] for e in self.fitted}
         rows = [r for r in self.report["ranking"] if real(r["score"]) >= SHOWN or r["name"] in found][:MOST_RANKED]
         caption = self.ranking_caption()
         kinds = ["bar-after" if r["name"] in found else "bar-floor" for r in rows]
@@ -505,7 +507,17 @@ class Teller:
             name, gap = self.gaps(self.report["fresh"])[0]
             tables.append(Table(f"Gap on the fresh log, without refitting, {name}", GAP_HEADERS, self.gap_rows(gap), True))
             drawn.append(self.gap_figure(gap, place=" on the fresh log"))
-        return Section("How much", tuple(tables), f"RMS error. {CLOSED}", tuple(drawn))
+        return Section("How much", tuple(tables), f"RMS error. {CLOSED}", (*self.closable(), *drawn))
+
+    def closable(self):
+        """[(caption, bars of what of the gap is explained, what could be predicted, and what is random)]."""
+        shares, key = self.report.get("shares"), self.horizon(self.report["gap"])
+        if not shares or not key or self.report["verdict"] == "none":
+            return []
+        caption = f"{capital(self.ahead(key))}, {percent(shares['random'])} of the squared error beyond sensor noise is random"
+        names = (("explained", "explained by the effects", "bar-after"), ("predictable", "predictable, by no effect", "bar-before"),
+                 ("random", "random: no simulator predicts it", "bar-floor"))  # fmt: skip
+        return [(caption, figures.bars([(name, shares[k], percent(shares[k]), kind) for k, name, kind in names], caption))]
 
     def open(self):
         said = tuple(self.cannot_tell()) or ("This log leaves no question open.",)
@@ -528,14 +540,14 @@ class Teller:
         """The effects that this log cannot distinguish."""
         return [
             f"{capital(listed([self.title(e['name']), *self.rivals(e['name'])], 'or'))}: this log cannot separate them."
-            for e in self.effects
+            for e in self.fitted
             if self.rivals(e["name"])
         ]
 
     def open_parameters(self):
         """What the log leaves open of the parameters, a sentence for each effect."""
         said = []
-        for effect in self.effects:
+        for effect in self.fitted:
             rows = [(name, bounds, remarks) for name, _, bounds, remarks in words.parameters(effect)]
             edge = [name for name, _, remarks in rows if "at its bound" in remarks]
             free = [f"{name} {bounds}" for name, bounds, remarks in rows if "undetermined" in remarks and name not in edge]

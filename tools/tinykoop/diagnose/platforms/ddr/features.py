@@ -7,6 +7,7 @@ import numpy as np
 from scipy import linalg, ndimage
 
 SMOOTH = 25  # rows
+SHIFTS = (1, -1, -2, -4)  # rows: what answers a command too early, or late as no lag does
 BLOCKS = 6  # of time, for errors that come and go
 
 
@@ -15,6 +16,11 @@ def _after(u, seconds, dt):
     keep = np.exp(-dt / seconds)
     recursion = np.stack([np.ones(len(u)), np.full(len(u), -keep)])
     return linalg.solve_banded((1, 0), recursion, np.vstack([u[:1], (1 - keep) * u[:-1]])) - u
+
+
+def _shifted(c, rows):
+    """A command so many rows later, or earlier if negative."""
+    return np.concatenate([c[rows:], np.full(rows, c[-1])]) if rows > 0 else np.concatenate([np.full(-rows, c[0]), c[:rows]])
 
 
 def functions(u, pose, dt):
@@ -36,6 +42,9 @@ def functions(u, pose, dt):
         behind = _after(np.stack([a, b], 1), seconds, dt)
         table[f"change of v, {seconds:.2g} s"] = (behind[:, 0], (0, 2))
         table[f"change of omega, {seconds:.2g} s"] = (behind[:, 1], every)
+    for rows in SHIFTS:
+        for title, c in (("v", a), ("omega", b)):
+            table[f"change of {title}, {rows:+d} rows"] = (_shifted(c, rows) - c, every)
     table |= {"v^2": (a * np.abs(a), every), "omega^2": (b * np.abs(b), every)}
     table |= {"time": (t, every), "time v": (t * a, every), "time omega": (t * b, every)}
     table |= {"|v|": (np.abs(a), every), "|omega|": (np.abs(b), every), "v |omega|": (a * np.abs(b), every)}

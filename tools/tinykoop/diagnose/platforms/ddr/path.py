@@ -1,6 +1,7 @@
 """The differential-drive robot of host_sim/: pose (px, py, theta), commands (v, omega)."""
 
 import numpy as np
+from scipy import ndimage
 
 from .... import bridge
 from ...prediction_errors import path
@@ -23,6 +24,8 @@ LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
 MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
+HALF_TRACK = 0.3  # m, usual half distance of the wheels, whose speeds random slip is in proportion to
+SLIPS_FOR, SLIPS_AT_REST = 0.5, 0.1  # s, over which speeds are smoothed, since wheels follow their commands late; share of the usual speed
 STEADY = 0.02  # share that commands of one kind vary by
 STARTS = 400  # of predictions
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
@@ -105,6 +108,7 @@ class Path(path.Path):
     lookalikes = LOOKALIKES
     command_names = ("v", "omega")
     variants = tuple(title for title, _ in VARIANTS)
+    motions = ("at any speed", "in proportion to the commanded speed")
 
     def __init__(self, log, without=(), variant=0, base=()):
         self.log, self.dt, self.variant, self.base = log, log.dt, variant, tuple(base)
@@ -128,6 +132,7 @@ class Path(path.Path):
         self.steady = bool(np.all(np.std(self.u, axis=0) <= STEADY * (np.abs(self.u).max(0) + 1e-9)))
         self.usual = np.maximum([v, v, w], LEAST)
         self.spread = np.ones(3)
+        self._wheels = self._relative_speed()
         self._follow(self.measured)
 
     def _follow(self, X):
@@ -146,7 +151,22 @@ class Path(path.Path):
         world[:-1, 0, 2], world[:-1, 1, 2] = -way[:, 1], way[:, 0]
         self.A = world.copy()
         self.A[:-1] = self._to_axes[1:] @ world[:-1] @ self._to_axes[:-1].swapaxes(1, 2)
-        self.G = self.dt * np.tile(np.eye(3), (K, 1, 1))
+        self._move()
+
+    def _relative_speed(self):
+        """Speed of the wheels, over its root mean square (K,), as the commands ask for it."""
+        squares = ndimage.uniform_filter1d((self.u**2) @ (1, HALF_TRACK**2), max(round(SLIPS_FOR / self.dt), 1))
+        return np.sqrt(squares / max(squares.mean(), 1e-12) + SLIPS_AT_REST**2)[self.rows]
+
+    def _move(self):
+        speeds = self._wheels if self.motion else np.ones(len(self.X))
+        self.G = self.dt * speeds[:, None, None] * np.eye(3)
+
+    def move_by(self, motion):
+        """Takes random motion to be of one size, or to grow with the commanded speed."""
+        if motion != self.motion:
+            self.motion = motion
+            self._move()
 
     def step_by(self, variant):
         """Takes another of the variants."""
@@ -170,6 +190,10 @@ class Path(path.Path):
     def steps(self, trials):
         """What one step with each trial's causes ends beside the path (K, 3, trials), and by how much it misses poses (K, 3, trials)."""
         return np.stack([self._beside(causes) for causes in trials], -1), np.repeat(self.E[..., None], len(trials), -1)
+
+    def seen_from(self, starts, ends, deviations):
+        """In the axes of the pose in which a prediction starts."""
+        return (self._to_axes[starts] @ (self._to_axes[ends].swapaxes(1, 2) @ deviations[..., None]))[..., 0]
 
     def pass_over(self, good):
         """Takes as the path what was measured in the rows that are good (K,), and lines between them."""
@@ -240,5 +264,5 @@ class Path(path.Path):
         for title, (values, on) in features.functions(self.u[self.rows], self.X, self.dt).items():
             for channel in on:
                 names.append((title, channel))
-                columns.append(self.G[:, :, channel] * values[:, None])
+                columns.append(self.dt * np.eye(3)[channel] * values[:, None])
         return names, np.stack(columns, -1)

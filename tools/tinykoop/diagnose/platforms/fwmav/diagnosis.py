@@ -103,6 +103,8 @@ def diagnose(log, fresh=None, without=(), healthy=()):
     if "vibration" in without:
         report["not_testable"] = [*hidden, "vibration"]
     report["verdict"] = _verdict(found, report["effects"], unexplained, worse)
+    if report["verdict"] == "unknown":
+        report["best_fit"], report["effects"] = report["best_fit"] or report["effects"], []
     result = Diagnosis(report, found, {"missed": missed, "innovations": innovations, "healthy": noise})
     if fresh is not None:
         report["fresh"] = on_fresh(result, noise.path(fresh))
@@ -141,15 +143,15 @@ def _worse(found):
 def _unexplained(found, shaking):
     """What is left beside the effects: of predictions, and of what generic accelerations take of rows that they were not fitted on."""
     times, left, search = float(found.state.noise.sensor[0] ** 2), found.left, found.search
-    gains = openset.gains(search, replace(found.state, fit=found.fit))
-    taken, share = sum(gains[0].values()), left.share if left.matters else 0.0
+    box = openset.BlackBox(search, replace(found.state, fit=found.fit))
+    taken, share = sum(box.share.values()), left.share if left.matters else 0.0
     if taken > SYSTEMATIC:
-        share = max(share, taken / max(taken, sum(openset.gains(search, search.base)[0].values())))
+        share = max(share, taken / max(taken, sum(openset.BlackBox(search, search.base).share.values())))
     another = times > ANOTHER or (shaking is not None and not shaking.alike)
     matters = bool(left.matters or taken > SYSTEMATIC)
     return {
         "unit": left.unit, "gap": left.gap, "of_gap": left.of, "smallest_that_matters": left.smallest, "share": share, "matters": matters,
-        "depends_on": openset.depends(gains) if matters else [], "another_vehicle": bool(another), "times_noise": times,
+        "depends_on": box.depends() if matters else [], "another_vehicle": bool(another), "times_noise": times,
     }  # fmt: skip
 
 

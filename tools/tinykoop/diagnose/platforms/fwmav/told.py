@@ -75,7 +75,7 @@ class Flight(Teller):
     def closing(self):
         """How far the effects close the gap; what they move where that cannot be said."""
         gap, key, longest = self.gap, self.beyond(self.gap), self.horizon(self.gap)
-        them = "them" if len(self.effects) > 1 else "it"
+        them = "them" if len(self.fitted) > 1 else "it"
         if longest is None:
             return "the flight is too broken up to measure the gap"
         if self._worse():
@@ -122,7 +122,7 @@ class Flight(Teller):
     def asides(self):
         said, rest = [], self.depends()
         if self.report["verdict"] != "none" and self.left["matters"] and rest:
-            part = f", {percent(self.left['share'])} of the systematic error," if self.effects else ""
+            part = f", {percent(self.left['share'])} of the systematic error," if self.fitted else ""
             said.append(f"The rest{part} looks like {rest}.")
         if self.left["another_vehicle"] and self.report["vehicle"] == "simulated":
             said.append(

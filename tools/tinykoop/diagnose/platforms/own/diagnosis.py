@@ -78,9 +78,7 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
         "contributions": contributions(found, EVERY) if len(found.fit.causes) > 1 else {},
     }  # fmt: skip
     report["passes"] = round(log.passes)
-    _add_fields(report["effects"], robot)
-    report["best_fit"] = report["effects"] if found.verdict == "unknown" else []
-    report["effects"] = report["effects"] if found.verdict != "unknown" else []
+    _add_fields([*report["effects"], *report["best_fit"]], robot)
     if hasattr(robot.simulator, "surrogate"):
         report["surrogate"] = robot.simulator.surrogate
     result = Diagnosis(report, found)

@@ -93,8 +93,8 @@ def contributions(found, every=1):
     return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, rise))) for c, rise in zip(found.fit.causes, rises)}
 
 
-def noise(path, noise):
-    """The `noise` of the report."""
+def noise(path, noise, motion=0):
+    """The `noise` of the report; motion: the way in which random motion depends on the command."""
     sensor = {
         name: {"sd": float((noise.sensor * path.sensor_scale)[c]), "unit": unit, "correlation": float(noise.sensor_rho[c])}
         for name, (unit, c) in path.sensors.items()
@@ -104,7 +104,12 @@ def noise(path, noise):
         name: {"sd": float(sd), "unit": unit, "share": float(sd / usual), "seconds": float(tau)}
         for (name, unit), sd, usual, tau in zip(path.pushes.items(), noise.process, path.usual, lasts)
     }
-    return {"sensor": sensor, "process": process, "outliers": int(((path.present > 1) & np.isfinite(path.present)).any(1).sum())}
+    return {
+        "sensor": sensor,
+        "process": process,
+        "motion": path.motions[motion],
+        "outliers": int(((path.present > 1) & np.isfinite(path.present)).any(1).sum()),
+    }
 
 
 def open_questions(found):
@@ -145,9 +150,32 @@ def report_of(found, where, hidden, unexplained=None, seed=0):
         "shares": shares(found),
         "not_testable": hidden,
         "unexplained": left_over(found) if unexplained is None else unexplained,
-        "noise": noise(path, found.state.noise),
+        "noise": noise(path, found.state.noise, found.state.motion),
         "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": elsewhere.seconds(log)},
     }  # fmt: skip
+
+
+AGREES, HELPS = 0.5, 0.25  # of the share closed on the log, that must close on the fresh one for a cause to be known, or known in part
+
+
+def check_on_fresh(result, path):
+    """Adds `fresh` to the report, with the Path of another log; what does not hold there is known in part, or not at all."""
+    report = result.report
+    report["fresh"] = on_fresh(result, path)
+    realised = _realised(report)
+    if report["verdict"] in ("known", "partly") and realised < AGREES:
+        for effect in report["effects"]:
+            effect["confidence"] *= max(realised, 0.0)
+        report["verdict"] = "partly" if realised >= HELPS else "unknown"
+    if report["verdict"] == "unknown":
+        report["best_fit"], report["effects"] = report["best_fit"] or report["effects"], []
+
+
+def _realised(report):
+    """What closes on the fresh log, of what closes on the log, at the longest horizon with a gap on both; 1 where there is none."""
+    log, fresh = (part["gap"]["closed_fraction"] for part in (report, report["fresh"]))
+    seen = [h for h in log if np.isfinite(log[h]) and np.isfinite(fresh[h]) and log[h] > 0]
+    return fresh[seen[-1]] / log[seen[-1]] if seen else 1.0
 
 
 def on_fresh(result, path):

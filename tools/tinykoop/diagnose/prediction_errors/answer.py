@@ -55,7 +55,7 @@ def answer(path):
     fitter = search.at(state)
     before, after = ahead.errors(path, (), starts), ahead.after(fitter, state.fit, starts)
     floor = judge.floors(path, whole.noise, before, ahead.sizes(path, missed), boxed, starts)
-    left = judge.left(search, whole, before, ahead.sizes(path, missed), boxed, floor, starts)
+    left = judge.left(search, whole, before, ahead.sizes(path, missed), boxed, floor, box, starts)
     fit, rests = _by_worth(fitter, state.fit)
     rivals = judge.all_rivals(search, fit, rests)
     named = judge.preferred(search, state, fit, rivals)

@@ -143,14 +143,14 @@ def floors(path, noise, before, after, boxed, starts):
     return out
 
 
-def left(search, state, before, after, boxed, floor, starts):
+def left(search, state, before, after, boxed, floor, box, starts):
     """The Left of a state: what plain functions predict of what causes leave, or what noise does not make of that, if that is more.
 
     In the path's first gap; in the second where only that one is worth the name, as of a robot that turns on the spot.
     """
     path = search.path
     parts = before, after, boxed, floor, ahead.floor(path, state.noise, starts)
-    found = [_left_in(path, state.noise, [part[gap] for part in parts], gap) for gap in path.gaps]
+    found = [_left_in(path, state.noise, [part[gap] for part in parts], box.shows, gap) for gap in path.gaps]
     found = next((one for one in found if one.of >= one.smallest), found[0])
     return replace(found, white=_white(state.fit.left.reshape(path.present.shape)))
 
@@ -162,18 +162,18 @@ def _white(left):
     return bool(np.abs(lags).max() < max(CORRELATED, chance))
 
 
-def _left_in(path, noise, parts, gap):
+def _left_in(path, noise, parts, shows, gap):
     """The Left of one gap, at that of the longer horizons where the larger share is left."""
     seen = np.flatnonzero(np.isfinite(parts[0]).any(0))[1:][-2:]
-    found = [_left_at(path, noise, *parts, gap, h) for h in (seen if len(seen) else [0])]
+    found = [_left_at(path, noise, *parts, shows, gap, h) for h in (seen if len(seen) else [0])]
     return max(reversed(found), key=lambda one: one.matters * one.share)
 
 
-def _left_at(path, noise, before, after, boxed, floor, moving, gap, h):
+def _left_at(path, noise, before, after, boxed, floor, moving, shows, gap, h):
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
     missed, noisy = ahead.rms(after[usual, h]), ahead.rms(moving)[h]
     unmodelled = _apart(missed, noisy) if missed > STANDS_OUT * noisy else 0.0
-    predicted = _apart(missed, ahead.rms(boxed[usual, h])) if _better(after[usual, h], boxed[usual, h]) else 0.0
+    predicted = _apart(ahead.rms(after)[h], ahead.rms(boxed)[h]) if shows or _better(after[:, h], boxed[:, h]) else 0.0
     gap_left, of = max(unmodelled, predicted), _apart(ahead.rms(before)[h], ahead.rms(floor)[h])
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise, ahead.HORIZONS[h])), path.gaps[gap][0])
 

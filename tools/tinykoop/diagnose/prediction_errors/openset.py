@@ -4,6 +4,7 @@ import numpy as np
 
 BLOCKS, STRIPES, MOST = 8, 24, 8
 SHOWS = 1e-9
+CERTAIN = 25.0  # squares of rows that it was not fitted on, that it must take: of noise it takes none
 WORTH = 10.0  # squares, that a function must take: the best of a hundred takes as much of white noise
 
 
@@ -57,6 +58,11 @@ class BlackBox:
             feature, channel = self._names[i]
             key = self.path.dependence(feature), self.path.channels[channel]
             self.share[key] = self.share.get(key, 0.0) + float(gain)
+
+    @property
+    def shows(self):
+        """Whether it predicts more than noise lets it."""
+        return sum(self.share.values()) > CERTAIN
 
     def depends(self):
         """[{on, channel, share of all squares}], largest share first."""

@@ -55,6 +55,10 @@ class Path:
         """Makes steps() exact at these causes; whether they were not. Here they are everywhere."""
         return False
 
+    def coarse(self):
+        """A path of fewer rows of the same log, on which a search begins; None where the rows are few."""
+        return None
+
     def move_by(self, motion):
         """Takes random motion to depend on the command in another way. Here there is but one."""
 

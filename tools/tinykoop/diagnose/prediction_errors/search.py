@@ -1,5 +1,7 @@
 """Which effects, and when: taken in one by one while the likelihood, less a price, rises."""
 
+from dataclasses import replace
+
 from . import simpler, spans
 from .candidates import candidates
 from .states import MARGIN, States
@@ -23,14 +25,20 @@ class Search(States):
         """The State that is worth most; `base` is that without causes."""
         state = self.likeliest(self.fitter.fit_of(()))
         state = self.base = self.moving_alike(self.with_coloured_noise(self.robust(self.referred(state))))
-        state = simpler.stepped(self, state)
+        coarse = self.path.coarse()
+        state = self.begun(state, Search(coarse).run()) if coarse else simpler.stepped(self, state)
         for _ in range(TURNS):
             wide = state = self.moving_alike(self.forward(state))
-            for simpler_ in (simpler.begun_anew, simpler.opened, simpler.simplified, simpler.discretised):
+            for simpler_ in (simpler.begun_anew, simpler.swapped, simpler.opened, simpler.simplified, simpler.discretised):
                 state = simpler_(self, state)
             if state is wide or len(state.causes) == MOST or self.path.spent:
                 break
         return self.with_coloured_noise(self.robust(state))
+
+    def begun(self, state, coarse):
+        """The state on this path from what was found on fewer of its rows."""
+        state = replace(state, variant=coarse.variant, motion=coarse.motion, noise=coarse.noise)
+        return self.settled(state, self.at(state).fit_of(coarse.causes))
 
     def forward(self, state):
         """Causes taken in one by one."""

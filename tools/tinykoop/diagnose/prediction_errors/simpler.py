@@ -7,6 +7,7 @@ from .candidates import candidates
 from .fit import ALWAYS
 from .states import MARGIN
 
+SWAPS = 2  # effects that are tried in the place of one
 ABSORBED = 0.5  # of what several causes do, from which on one is tried in their place
 
 
@@ -57,6 +58,25 @@ def begun_anew(states, state):
             if best.cost < state.fit.cost - MARGIN:
                 state = min(state, states.settled(state, best), key=states.worth)
     return state
+
+
+def swapped(states, state):
+    """With another effect in the place of one, if that is worth more: what was taken in first was chosen without the others."""
+    for i in range(len(state.causes)):
+        better = _swap(states, state, i)
+        if better:
+            return swapped(states, better)
+    return state
+
+
+def _swap(states, state, i):
+    fitter, rest = states.at(state), _without(state.causes, i)
+    beside = fitter.refine(fitter.fit_of(rest), 3)
+    likely = [cause for _, cause in candidates(fitter, beside, state.causes[i].segments) if cause.name not in state.fit.names]
+    fits = [states.refined(state, (*beside.causes, cause), 5) for cause in likely[:SWAPS]]
+    close = [fit for fit in fits if states.rivals(state, fit)]
+    best = min((states.settled(state, fit) for fit in close), key=states.worth, default=state)
+    return best if states.worth(best) < states.worth(state) - MARGIN else None
 
 
 def opened(states, state):

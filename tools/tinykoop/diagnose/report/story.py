@@ -12,6 +12,7 @@ from .words import capital, listed, percent, real, title
 COLOURED = 0.95  # noise that correlates as much is hard to tell from slow errors
 WHITE = 0.1  # correlation of noise that counts as none
 MOVES = 0.01  # of the usual rate, from which on random motion is told
+RANDOM = 0.02  # share of the squared error beyond sensor noise, from which on random motion is told at once
 STANDS_OUT = 1.2  # times the average, from which on a region is told
 LOUDER = 1.5  # times its share of the time, that a part of the gap must have to be reported
 HIDDEN = 0.1  # standard deviations per row, below which an experiment separates nothing
@@ -298,7 +299,7 @@ class Teller:
 
     def asides(self):
         """What must stand right beside the verdict: short sentences."""
-        return self.doubts() + self.small() + self.tried()
+        return self.doubts() + self.random() + self.small() + self.tried()
 
     def doubts(self):
         """Why the effects may not be the cause."""
@@ -312,6 +313,15 @@ class Teller:
         if self.effects:
             said.append(f"Confidence that it acts: {listed(self.title(e['name']) + ' ' + percent(e['confidence']) for e in self.effects)}.")
         return said
+
+    def random(self):
+        """That a part of what predictions miss is the robot's own random motion, where it is more than the sensor's noise."""
+        share = real((self.report.get("shares") or {}).get("random"))
+        return [self._random_motion() + " No simulator predicts it."] if share > RANDOM and self.moves_at_random() else []
+
+    def moves_at_random(self):
+        """Axes of random motion that is worth telling."""
+        return {name: n for name, n in self.report["noise"]["process"].items() if real(n["share"]) > MOVES}
 
     def small(self):
         """What is significant and too small to matter."""
@@ -331,7 +341,9 @@ class Teller:
             name, on = self.title(effect["name"]), there.get(effect["name"])
             if on and (self.acts(effect) != "whole log" or not on["acts"]):
                 how = "to act throughout" if on["acts"] else "not to act"
-                said.append(f"On the fresh log {name} is assumed {how}, which predicts the fresh log better; its size is that of the first log.")
+                said.append(
+                    f"On the fresh log {name} is assumed {how}, which predicts the fresh log better; its size is that of the first log."
+                )
             if on and on["acts"] and AT_END in on["params"] and on["params"][AT_END] != effect["params"][AT_END]:
                 said.append(f"On the fresh log {name} is taken to grow as fast, to {words.percent_of(on['params'][AT_END])} at its end.")
         return said
@@ -607,10 +619,11 @@ class Teller:
 
     def _random_motion(self):
         """The robot's own, in shares of its usual rates."""
-        moves = {name: n for name, n in self.report["noise"]["process"].items() if real(n["share"]) > MOVES}
+        moves = self.moves_at_random()
         if not moves:
             return "The robot's own random motion is too small to matter."
         of = {name: f"{name}, {percent(n['share'])} of its usual rate" for name, n in moves.items()}
         sizes = listed(f"{words.quantity(n['sd'], n['unit'])} ({of[name]})" for name, n in moves.items())
         lasts = words.seconds(next(iter(moves.values()))["seconds"])
-        return f"The robot also moves at random, correlated over {lasts}, with a standard deviation of {sizes}."
+        how = self.report["noise"].get("motion", "at any speed")
+        return f"The robot also moves at random, {how}, correlated over {lasts}, with a standard deviation of {sizes}."

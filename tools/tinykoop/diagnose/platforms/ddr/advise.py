@@ -34,7 +34,10 @@ def drives(u, dt):
             "slow ramps of speed and yaw rate through zero",
             np.stack([v * ramp, w * np.roll(ramp, rows // 8)], 1),
         ),
-        "chirp": ("swings of speed and yaw rate, slow at first and then faster and faster", np.stack([0.5 * v * (1 + chirp), w * np.roll(chirp, rows // 7)], 1)),
+        "chirp": (
+            "swings of speed and yaw rate, slow at first and then faster and faster",
+            np.stack([0.5 * v * (1 + chirp), w * np.roll(chirp, rows // 7)], 1),
+        ),
         "speed levels": ("circles of both directions at four speeds", _steps(speeds, dt, rows)),
     }
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from .... import bridge
 from ....plumbing.errors import UserError
-from ...diagnosis import Diagnosis, contributions, on_fresh, open_questions, report_of, told
+from ...diagnosis import Diagnosis, check_on_fresh, contributions, open_questions, report_of, told
 from ...elsewhere import as_fast, joined, seconds
 from ...prediction_errors.answer import answer
 from ...prediction_errors.fit import ALWAYS
@@ -76,5 +76,5 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
         report["log"]["searched_rows"] = len(path.rows)
     result = Diagnosis(report, found, {"drive": advice[2] if advice else None})
     if fresh is not None:
-        report["fresh"] = on_fresh(result, Path(fresh, variant=path.variant, base=path.base))
+        check_on_fresh(result, Path(fresh, variant=path.variant, base=path.base))
     return result

@@ -8,6 +8,8 @@ from scipy import linalg, ndimage
 
 SMOOTH = 25  # rows
 SHIFTS = (1, -1, -2, -4)  # rows: what answers a command too early, or late as no lag does
+LARGE, LATE = (0.5, 0.8), 1.0  # quantiles of what is large; s, by which actuators may follow it late
+HALF_TRACK = 1.0  # of the wheels, in units of the usual speed over the usual yaw rate
 BLOCKS = 6  # of time, for errors that come and go
 
 
@@ -45,6 +47,11 @@ def functions(u, pose, dt):
     for rows in SHIFTS:
         for title, c in (("v", a), ("omega", b)):
             table[f"change of {title}, {rows:+d} rows"] = (_shifted(c, rows) - c, every)
+    for title, c in (("v", a), ("omega", b), ("left wheel", a - HALF_TRACK * b), ("right wheel", a + HALF_TRACK * b)):
+        for part in LARGE:
+            over = np.sign(c) * np.maximum(np.abs(c) - np.quantile(np.abs(c), part), 0)
+            table[f"large {title}, over {part:g}"] = (over, (0, 2))
+            table[f"large {title}, over {part:g}, late"] = (over + _after(over[:, None], LATE, dt)[:, 0], (0, 2))
     table |= {"v^2": (a * np.abs(a), every), "omega^2": (b * np.abs(b), every)}
     table |= {"time": (t, every), "time v": (t * a, every), "time omega": (t * b, every)}
     table |= {"|v|": (np.abs(a), every), "|omega|": (np.abs(b), every), "v |omega|": (a * np.abs(b), every)}
@@ -68,12 +75,13 @@ def functions(u, pose, dt):
 
 def dependence(name):
     """The group a feature's name belongs to, for words."""
-    for word in ("change", "heading", "time", "block", "place", "small", "sign"):
+    for word in ("change", "heading", "time", "block", "place", "small", "sign", "large"):
         if name.startswith(word):
             return {
                 "block": "time",
                 "small": "small commands",
                 "sign": "sign of the command",
+                "large": "large commands",
                 "change": "changes of the command",
             }.get(word, word)
     return name

@@ -22,6 +22,7 @@ NOT_FITTED = ("measurement_noise",)
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
 LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
 MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
+FEW, COARSE = 3500, 2500  # of more than so many rows, some with which a search begins
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
 HALF_TRACK = 0.3  # m, usual half distance of the wheels, whose speeds random slip is in proportion to
@@ -81,11 +82,11 @@ def effects(u):
     return found
 
 
-def _stretches(K):
+def _stretches(K, most):
     """Rows of a log that are looked at: all, or of a long one stretches evenly spread."""
-    if K <= MOST:
+    if K <= most:
         return np.arange(K)
-    firsts = np.linspace(0, K - STRETCH, MOST // STRETCH).astype(int)
+    firsts = np.linspace(0, K - STRETCH, most // STRETCH).astype(int)
     return (firsts[:, None] + np.arange(STRETCH)).ravel()
 
 
@@ -110,11 +111,12 @@ class Path(path.Path):
     variants = tuple(title for title, _ in VARIANTS)
     motions = ("at any speed", "in proportion to the commanded speed")
 
-    def __init__(self, log, without=(), variant=0, base=()):
+    def __init__(self, log, without=(), variant=0, base=(), most=MOST):
+        self._made_by, self._most = (log, without, variant, base), most
         self.log, self.dt, self.variant, self.base = log, log.dt, variant, tuple(base)
         self.u = log.u if len(log.u) == len(log.x) else np.vstack([log.u, log.u[-1:]])
         self.effects = {key: effect for key, effect in effects(self.u).items() if key not in without}
-        self.rows = _stretches(len(log.x))
+        self.rows = _stretches(len(log.x), most)
         self.t = self.rows * log.dt
         usable = np.append(log.usable, False)[self.rows]
         self.begins = np.concatenate([[True], (np.diff(self.rows) != 1) | ~usable[:-1]]).astype(np.int32)
@@ -134,6 +136,10 @@ class Path(path.Path):
         self.spread = np.ones(3)
         self._wheels = self._relative_speed()
         self._follow(self.measured)
+
+    def coarse(self):
+        """Some of the stretches of a log that is looked at in many."""
+        return Path(*self._made_by, COARSE) if len(self.rows) > FEW else None
 
     def _follow(self, X):
         """Takes X (K, 3) as the reference path."""

@@ -7,7 +7,7 @@ import numpy as np
 from .... import bridge
 from ....logs import replay
 from ....plumbing.errors import UserError
-from ...diagnosis import Diagnosis, inside, on_fresh, open_questions, report_of
+from ...diagnosis import Diagnosis, check_on_fresh, inside, open_questions, report_of
 from ...elsewhere import seconds
 from ...prediction_errors import ahead, judge, openset
 from ...prediction_errors.answer import answer
@@ -107,7 +107,7 @@ def diagnose(log, fresh=None, without=(), healthy=()):
         report["best_fit"], report["effects"] = report["best_fit"] or report["effects"], []
     result = Diagnosis(report, found, {"missed": missed, "innovations": innovations, "healthy": noise})
     if fresh is not None:
-        report["fresh"] = on_fresh(result, noise.path(fresh))
+        check_on_fresh(result, noise.path(fresh))
     return result
 
 

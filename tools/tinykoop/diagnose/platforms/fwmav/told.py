@@ -58,7 +58,7 @@ class Flight(Teller):
     fewest_worth = 1
 
     @property
-    def fitted(self):
+    def moves(self):
         """Whether there is an effect that changes predictions: vibration is noise to them."""
         return bool(self.report["contributions"])
 
@@ -80,7 +80,7 @@ class Flight(Teller):
             return "the flight is too broken up to measure the gap"
         if self._worse():
             return f"however, adding {them} makes the prediction worse ({self._worse()})"
-        if not self.fitted:
+        if not self.moves:
             return "vibration is noise, and changes no prediction"
         if key is None:
             moves = listed(f"{angle(by[longest])} ({title(name)})" for name, by in self.report["contributions"].items())
@@ -114,7 +114,7 @@ class Flight(Teller):
             return super().sentence()
         why = self._foreign() if self.left["another_vehicle"] else "Systematic errors remain that match none of the known effects"
         explained = 1 - real(self.left["share"])
-        if self.fitted and explained >= SMALLEST and not self._worse():
+        if self.moves and explained >= SMALLEST and not self._worse():
             names = listed(title(name) for name in self.report["contributions"])
             return f"Cause not identified. {capital(names)} would explain {percent(explained)} of the systematic error. {why}."
         return f"Cause not identified. {why}."
@@ -122,7 +122,7 @@ class Flight(Teller):
     def asides(self):
         said, rest = [], self.depends()
         if self.report["verdict"] != "none" and self.left["matters"] and rest:
-            part = f", {percent(self.left['share'])} of the systematic error," if self.fitted else ""
+            part = f", {percent(self.left['share'])} of the systematic error," if self.moves else ""
             said.append(f"The rest{part} looks like {rest}.")
         if self.left["another_vehicle"] and self.report["vehicle"] == "simulated":
             said.append(
@@ -131,16 +131,16 @@ class Flight(Teller):
             )
         if self.report["verdict"] == "unknown" and self._worse():
             said.append(f"With the effects listed the prediction gets worse: {self._worse()}.")
-        return said + self.doubts() + self.small() + (self.tried() if self.fitted or "fresh" in self.report else [])
+        return said + self.doubts() + self.small() + (self.tried() if self.moves or "fresh" in self.report else [])
 
     # ---- where -----------------------------------------------------------------------------------
 
     def predictions(self):
-        return figures.follow(self.result, self.fitted)
+        return figures.follow(self.result, self.moves)
 
     def where(self):
         loud = self.band_caption()
-        drawn = self.times(), self.channels(), (loud, figures.frequencies(self.result, self.fitted, loud))
+        drawn = self.times(), self.channels(), (loud, figures.frequencies(self.result, self.moves, loud))
         return Section("Where and when", figures=drawn, sentences=(*self.places(), *self.bands()))
 
     def errors(self, j):
@@ -169,7 +169,7 @@ class Flight(Teller):
         rows = []
         for name, times in before.items():
             rows.append((name, times, f"{times:.2f}", "bar-before"))
-            rows += [("", after[name], f"{after[name]:.2f}", "bar-after")] * self.fitted
+            rows += [("", after[name], f"{after[name]:.2f}", "bar-after")] * self.moves
         return caption, bars(rows, caption)
 
     def channel_times(self, part):
@@ -256,7 +256,7 @@ class Flight(Teller):
             f"The noise is that of {whose}: wing beat, turbulence, and differences between flights."
             if self.report["vehicle"] == "simulated"
             else f"The noise is that of {whose}, after the simulator was fitted to it.",
-            f"The innovations of this flight have {plain(times)} times its variance{' with the effects' * self.fitted}.",
+            f"The innovations of this flight have {plain(times)} times its variance{' with the effects' * self.moves}.",
         ]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ... import where
-from ...diagnosis import Diagnosis, contributions, on_fresh, report_of
+from ...diagnosis import Diagnosis, check_on_fresh, contributions, report_of
 from ...prediction_errors import judge
 from ...prediction_errors.answer import answer
 from ...prediction_errors.search import Search
@@ -85,5 +85,5 @@ def diagnose(log, robot, fresh=None, without=(), healthy=()):
     if fresh is not None:
         other = Path(robot, fresh, before=before)
         other.step_by(path.variant)
-        report["fresh"] = on_fresh(result, other)
+        check_on_fresh(result, other)
     return result

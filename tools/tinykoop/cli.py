@@ -134,6 +134,7 @@ def _assurance(add):
     blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: inject known effects into this real flight instead")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier")
+    blind.add_argument("--tier", action="append", metavar="NAME", help="only this tier, may be given several times (default: all)")
     blind.add_argument("--seed", type=int, default=1, help="of all logs")
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler")
@@ -279,6 +280,8 @@ def dispatch(a):
         from .blind import flights, injected, own
         from .blind.own import campaign
 
+        if a.tier and (a.robot or a.platform != "ddr"):
+            raise UserError("--tier: only for the drive; leave out --robot and --platform, or leave out --tier")
         if a.robot:
             if a.robot not in own.ROBOTS:
                 raise UserError(f"--robot {a.robot}: no plant of its own; there are {', '.join(own.ROBOTS)}")
@@ -291,7 +294,10 @@ def dispatch(a):
                 raise UserError("--update: no page has figures of --inject; leave it out")
             injected.run(a.out, a.inject, a.jobs)
             return None
-        (flights if a.platform == "fwmav" else blind).run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
+        if a.platform == "fwmav":
+            flights.run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
+            return None
+        blind.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.tier, update=a.update)
     elif a.command == "size":
         from .firmware import size
 

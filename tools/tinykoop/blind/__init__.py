@@ -26,6 +26,7 @@ from ..plumbing.results import alone, console, output_folder, remove, write_json
 from ..plumbing.workers import each, workers
 
 N, SEED = 20, 1
+SHORT = 1200  # rows at most, with one log per tier: that shows that all of it runs, and takes little time
 TIMEOUT = 600  # s, of one diagnosis
 TOOLS = Path(__file__).resolve().parents[2]
 DIAGNOSE = (sys.executable, "-m", "tinykoop.cli", "diagnose")
@@ -83,10 +84,18 @@ def diagnose(key, diagnoser, log, fresh, without):
         return key, {"report": report, "error": error, "seconds": _processor() - start}
 
 
-def _draw(tier, seed, k):
+def _draw(tier, seed, k, most):
     from . import tiers
 
-    return (tier, k), tiers.draw(tier, seed, k)
+    return (tier, k), tiers.draw(tier, seed, k, most)
+
+
+def _write(path, x, u, columns, dt):
+    from . import odometry
+
+    bridge.write_log(path, x, u, dt)
+    if columns:
+        odometry.append(path, columns)
 
 
 # ---- a campaign ----------------------------------------------------------------------------------
@@ -106,27 +115,37 @@ def generate(out, n, seed, diagnosers, which=None):
 
     remove(out / "blind.json")
     work = _empty(out / "blind")
-    wanted = [(tier, seed, k) for tier in which or tiers.TIERS for k in range(n)]
+    most = SHORT if n == 1 else 10**6
+    wanted = [(tier, seed, k, most) for tier in which or tiers.TIERS for k in range(n)]
     drawn = dict(each(_draw, wanted, "drawing logs"))
     numbers = np.random.default_rng(seed).permutation(len(wanted))
-    logs = {f"{number:04d}": drawn[tier, k] for number, (tier, _, k) in sorted(zip(numbers, wanted))}
+    logs = {f"{number:04d}": drawn[tier, k] for number, (tier, _, k, _) in sorted(zip(numbers, wanted))}
     write_json(work / "labels.json", {name: label for name, (label, _, _) in logs.items()})
     seal = {"sha256": score.digest(work / "labels.json"), "seed": seed, "n": n, "diagnosers": list(diagnosers)}
     write_json(work / "seal.json", seal)
     console.print(f"{len(logs)} logs, seed {seed}. The labels are sealed: SHA-256 {seal['sha256']}", soft_wrap=True)
     for name, (label, *recordings) in logs.items():
-        for folder, (x, u) in zip(("logs", "fresh"), recordings):
-            bridge.write_log(output_folder(work / folder) / f"{name}.csv", x, u, label["dt"])
+        for folder, recording in zip(("logs", "fresh"), recordings):
+            _write(output_folder(work / folder) / f"{name}.csv", *recording, label["dt"])
     return {name: label for name, (label, _, _) in logs.items()}
+
+
+def _known(which, there):
+    strange = [tier for tier in which or () if tier not in there]
+    if strange:
+        raise UserError(f"--tier {strange[0]}: no such tier; there are {', '.join(there)}")
 
 
 def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=None, update=False):
     """Writes blind.json and its plots into `out`, and with `update` docs/diagnose.md; returns the results. which: tiers, all if None."""
-    from . import draw, page, score
+    from . import draw, page, score, tiers
 
     if n < 1 or seed < 0:
         raise UserError(f"{n} logs per tier with seed {seed}: at least 1 is needed, and a seed that is not negative")
+    if which and update:
+        raise UserError("--update: the table needs every tier; leave out --tier")
     out = output_folder(out)
+    _known(which, tiers.TIERS)
     diagnosers = {score.OURS: Command()} | others() if diagnosers is None else diagnosers
     work = out / "blind"
     with alone(out / "blind.json"), workers(cluster, jobs):

@@ -3,10 +3,11 @@
 Every step is cut into SUB parts. What drives the robot is an array over the parts, its mean within each; an effect
 changes these arrays in place, over its own span of time. Three tables of effects:
 
-PLAIN: the vocabulary, as the contract words it, in continuous time.
-OTHER: the same causes in forms of their own (second-order lag, soft limits, another slip and friction curve, wandering
-drift, jitter, ..).
-NEVER: causes that no library of ours holds.
+PLAIN: the vocabulary, as the contract words it, in continuous time (`plain`).
+OTHER: the same causes in forms of their own, several for each (`forms`).
+NEVER: causes that no library of ours holds (`never`).
+
+FAMILIES says which causes count as one another: the scorer asks for the family first.
 """
 
 from dataclasses import dataclass, field
@@ -15,319 +16,123 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.signal import lfilter
 
-SUB = 10
+from . import forms, never, plain
+from . import motion as random_motion
+from .forms import SUB
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect acting on [t0, t1), s from the first row."""
+    """An effect acting on [t0, t1), s from the first row. form: which of the other forms; the first if empty."""
 
     name: str
     parameters: dict = field(default_factory=dict)
     shape: str = "plain"  # plain, other or never
     t0: float = 0.0
     t1: float = float("inf")
-
-
-# ---- the vocabulary, plain ---------------------------------------------------------------------
-# m has arrays over the parts: t (s), passed (share of the span), v, w (command), forward, left, turn (body), wind
-# (complex, world), h (true duration, s); dt and part (s) are scalars. s has arrays over the rows: t, z (complex), theta.
-
-
-def saturation(m, v_max, w_max):
-    np.clip(m.v, -v_max, v_max, out=m.v)
-    np.clip(m.w, -w_max, w_max, out=m.w)
-
-
-def transport_delay(m, delay):
-    """Mean over each part of what was sent `delay` earlier: the way covered comes out exactly."""
-    edges = np.arange(len(m.v) + 1) * m.part
-    for u in (m.v, m.w):
-        way = np.concatenate([[0], np.cumsum(u) * m.part])
-        u[:] = np.diff(np.interp(edges - delay, edges, way) + np.minimum(edges - delay, 0) * u[0]) / m.part
-
-
-def dead_band(m, v_db, w_db):
-    m.v[np.abs(m.v) < v_db] = 0
-    m.w[np.abs(m.w) < w_db] = 0
-
-
-def play(w, half):
-    out, at = np.empty_like(w), w[0]
-    for i, command in enumerate(w.tolist()):
-        at = min(max(at, command - half), command + half)
-        out[i] = at
-    return out
-
-
-def backlash(m, half_width):
-    m.w[:] = play(m.w, half_width)
-
-
-def follow(u, part, tau):
-    """y' = (u - y) / tau from rest at u[0], a Runge-Kutta step for each part; the mean over it."""
-    z = part / tau
-    kept = 1 - z + z**2 / 2 - z**3 / 6 + z**4 / 24
-    end = lfilter([1 - kept], [1, -kept], u, zi=[kept * u[0]])[0]
-    return (np.concatenate([u[:1], end[:-1]]) + end) / 2
-
-
-def actuator_lag(m, tau):
-    m.v[:], m.w[:] = follow(m.v, m.part, tau), follow(m.w, m.part, tau)
-
-
-def speed_gain(m, a):
-    m.v *= 1 + a
-
-
-def battery_sag(m, loss_at_end):
-    m.v *= 1 - loss_at_end * m.passed
-
-
-def yaw_gain(m, b):
-    m.w *= 1 + b
-
-
-def wheel_asymmetry(m, c):
-    m.w += c * m.v
-
-
-def yaw_bias(m, d):
-    m.w += d
-
-
-def clock_scale(m, kappa):
-    m.h *= 1 + kappa
-
-
-def pacejka_slip(m, B, C, D, E, lat):
-    s = B * 0.18 * np.abs(m.v * m.w)
-    slip(m, np.clip(D * np.sin(C * np.arctan(s - E * (s - np.arctan(s)))), 0, 1), lat)
-
-
-def slip(m, loss, lat):
-    m.forward *= 1 - 0.3 * loss
-    m.left += lat * loss * m.v * np.sign(m.w)
-    m.turn *= 1 - 0.7 * loss
-
-
-def lateral_skid(m, k):
-    m.left += k * m.forward * m.turn
-
-
-def stribeck_friction(m, Fs, Fc, Fv, vs):
-    drag(m, lambda v: Fc + (Fs - Fc) * np.exp(-((v / vs) ** 2)) + Fv * np.abs(v), np.sign)
-
-
-def drag(m, mu, sign):
-    m.forward *= 1 - mu(m.forward)
-    m.left *= 1 - mu(m.left)
-    m.turn -= sign(m.turn) * np.minimum(0.1 * mu(m.turn), np.abs(m.turn))
-
-
-def world_drift(m, wx, wy):
-    m.wind += wx + 1j * wy
-
-
-def sensor_lever_arm(s, lx, ly):
-    s.z += (lx + 1j * ly) * np.exp(1j * s.theta)
-
-
-def heading_bias(s, delta):
-    s.theta += delta
-
-
-# ---- the same causes in other forms ------------------------------------------------------------
-
-
-def soft_saturation(m, v_max, w_max):
-    m.v /= (1 + np.abs(m.v / v_max) ** 6) ** (1 / 6)
-    m.w /= (1 + np.abs(m.w / w_max) ** 6) ** (1 / 6)
-
-
-def jittery_delay(m, delay):
-    """Every command comes after a delay of its own, 20 % more or less."""
-    steps = -(-len(m.v) // SUB)
-    late = np.repeat(delay * m.random.uniform(0.8, 1.2, steps), SUB)[: len(m.v)]
-    sent = np.maximum((np.arange(len(m.v)) - np.rint(late / m.part)).astype(int), 0)
-    m.v[:], m.w[:] = m.v[sent], m.w[sent]
-
-
-def smooth_dead_band(m, v_db, w_db):
-    m.v *= 1 - np.exp(-((m.v / v_db) ** 4))
-    m.w *= 1 - np.exp(-((m.w / w_db) ** 4))
-
-
-def spread_backlash(m, half_width):
-    """Three plays in parallel."""
-    m.w[:] = sum(play(m.w, share * half_width) for share in (0.2, 1, 1.8)) / 3
-
-
-def second_order_lag(m, tau):
-    for u in (m.v, m.w):
-        u[:] = follow(follow(u, m.part, 0.6 * tau), m.part, 0.4 * tau)
-
-
-def speed_gain_with_speed(m, a):
-    m.v *= 1 + a * (1 + 0.25 * (np.abs(m.v) - 1))
-
-
-def early_sag(m, loss_at_end):
-    m.v *= 1 - loss_at_end * np.expm1(-2.5 * m.passed) / np.expm1(-2.5)
-
-
-def yaw_gain_with_rate(m, b):
-    m.w *= 1 + b * (1 + 0.5 * (np.abs(m.w) - 0.5))
-
-
-def asymmetry_with_speed(m, c):
-    m.w += c * m.v * (1 + 0.25 * (np.abs(m.v) - 1))
-
-
-def wandering_bias(m, d):
-    m.w += d * (1 + 0.3 * np.sin(2 * np.pi * m.t / 37))
-
-
-def wandering_clock(m, kappa):
-    m.h *= 1 + kappa * (1 + 0.3 * np.sin(2 * np.pi * m.t / 45))
-
-
-def exponential_slip(m, B, C, D, E, lat):
-    slip(m, np.clip(D * -np.expm1(-B * C * 0.18 * np.abs(m.v * m.w)), 0, 1), lat)
-
-
-def saturating_skid(m, k):
-    bend = m.forward * m.turn
-    m.left += k * bend / (1 + 0.5 * np.abs(bend))
-
-
-def smooth_friction(m, Fs, Fc, Fv, vs):
-    drag(m, lambda v: Fc + (Fs - Fc) / (1 + (v / vs) ** 2) + Fv * np.abs(v), lambda w: np.tanh(w / 0.05))
-
-
-def wandering_drift(m, wx, wy):
-    swing = 0.3 * np.sin(2 * np.pi * m.t / 53)
-    m.wind += (wx + 1j * wy) * (1 + swing) * np.exp(1j * np.sin(2 * np.pi * m.t / 41) / 3)
-
-
-def swaying_arm(s, lx, ly):
-    s.z += (lx + 1j * ly) * (1 + 0.15 * np.sin(2 * np.pi * s.t / 31)) * np.exp(1j * s.theta)
-
-
-def compass_bias(s, delta):
-    s.theta += delta * (1 + 0.3 * np.sin(s.theta))
-
-
-# ---- in no library -----------------------------------------------------------------------------
-
-
-def slew_limit(m, dv, dw):
-    for u, most in ((m.v, dv * m.part), (m.w, dw * m.part)):
-        at = u[0]
-        for i, command in enumerate(u.tolist()):
-            at += min(max(command - at, -most), most)
-            u[i] = at
-
-
-def command_quantisation(m, qv, qw):
-    m.v[:], m.w[:] = qv * np.rint(m.v / qv), qw * np.rint(m.w / qw)
-
-
-def warm_up(m, loss, tau):
-    m.v *= 1 - loss * np.exp(-m.t / tau)
-
-
-def payload_swing(m, share, frequency, damping):
-    """A hanging load pulls the robot: its swing is driven by the acceleration."""
-    omega, q, rate = 2 * np.pi * frequency, 0.0, 0.0
-    jump = np.diff(m.v, prepend=m.v[0])
-    for i, pull in enumerate(jump.tolist()):
-        rate += -pull - m.part * (2 * damping * omega * rate + omega**2 * q)
-        q += m.part * rate
-        m.v[i] += share * rate
-
-
-def understeer(m, K):
-    m.turn /= 1 + K * m.forward**2
-
-
-def turn_asymmetry(m, e):
-    m.turn *= 1 + e * np.sign(m.turn)
-
-
-def wheel_eccentricity(m, size, radius, phase):
-    way = np.cumsum(np.abs(m.forward) * m.h)
-    m.turn += size * m.forward * np.cos(way / radius + phase)
-
-
-def camber(m, k):
-    m.left += k * m.forward * np.abs(m.forward)
-
-
-def gusts(m, size, tau):
-    kept = np.exp(-m.part / tau)
-    draws = m.random.normal(size=(2, len(m.t))) * size * np.sqrt(1 - kept**2)
-    m.wind += np.array([1, 1j]) @ lfilter([1], [1, -kept], draws)
-
-
-def slope(m, pull, downhill):
-    m.forward += pull * np.cos(m.heading + np.cumsum(m.turn * m.h) - downhill)
-
-
-def terrain(m, loss, patch, phase):
-    def ground(z):
-        where = np.sin(z.real / patch + phase) * np.sin(z.imag / patch + 2 * phase)
-        return 1 - loss * (0.5 + 0.5 * np.tanh(4 * where))
-
-    m.ground.append(ground)
-
-
-def heading_scale(s, e):
-    s.theta += e * (s.theta - s.theta[0])
+    form: str = ""
 
 
 # ---- tables, in the order of action --------------------------------------------------------------
 
 _ACTUATOR = {
-    "saturation": (saturation, soft_saturation),
-    "command_quantisation": command_quantisation,
-    "transport_delay": (transport_delay, jittery_delay),
-    "dead_band": (dead_band, smooth_dead_band),
-    "backlash": (backlash, spread_backlash),
-    "slew_limit": slew_limit,
-    "actuator_lag": (actuator_lag, second_order_lag),
-    "speed_gain": (speed_gain, speed_gain_with_speed),
-    "battery_sag": (battery_sag, early_sag),
-    "warm_up": warm_up,
-    "payload_swing": payload_swing,
-    "yaw_gain": (yaw_gain, yaw_gain_with_rate),
-    "wheel_asymmetry": (wheel_asymmetry, asymmetry_with_speed),
-    "yaw_bias": (yaw_bias, wandering_bias),
-    "clock_scale": (clock_scale, wandering_clock),
+    "saturation": (
+        forms.soft_saturation,
+        forms.tanh_saturation,
+        forms.curvature_keeping_saturation,
+        forms.one_sided_saturation,
+    ),
+    "wheel_saturation": (forms.soft_wheel_saturation, forms.curvature_keeping_wheel_saturation, forms.weak_wheel_saturation),
+    "command_quantisation": never.command_quantisation,
+    "transport_delay": (forms.jittery_delay, forms.axis_delay, forms.polled_delay),
+    "dead_band": (forms.smooth_dead_band, forms.offset_dead_band, forms.hysteresis_dead_band, forms.moving_dead_band),
+    "wheel_dead_band": (forms.smooth_wheel_dead_band, forms.offset_wheel_dead_band, forms.hysteresis_wheel_dead_band),
+    "backlash": (forms.spread_backlash, forms.angle_backlash, forms.wheel_angle_backlash, forms.wheel_speed_backlash),
+    "acceleration_limit": (forms.wheel_acceleration_limit, forms.braking_acceleration_limit, forms.fading_acceleration_limit),
+    "actuator_lag": (forms.second_order_lag, forms.swinging_lag, forms.uneven_lag, forms.axis_lag, forms.wheel_lag),
+    "speed_lag": (forms.second_order_speed_lag, forms.swinging_speed_lag, forms.uneven_speed_lag),
+    "yaw_lag": (forms.second_order_yaw_lag, forms.swinging_yaw_lag, forms.uneven_yaw_lag),
+    "speed_gain": (forms.speed_gain_with_speed, forms.speed_gain_with_turn, forms.speed_gain_by_direction),
+    "battery_sag": (forms.early_sag, forms.late_sag, forms.energy_sag),
+    "warm_up": never.warm_up,
+    "heat": never.heat,
+    "payload_swing": never.payload_swing,
+    "yaw_gain": (forms.yaw_gain_with_rate, forms.yaw_gain_with_speed),
+    "wheel_asymmetry": (forms.asymmetry_with_speed, forms.radius_asymmetry),
+    "yaw_bias": (forms.wandering_bias, forms.moving_bias),
+    "clock_scale": (forms.wandering_clock, forms.drifting_clock),
 }
 _PLANT = {
-    "pacejka_slip": (pacejka_slip, exponential_slip),
-    "lateral_skid": (lateral_skid, saturating_skid),
-    "understeer": understeer,
-    "turn_asymmetry": turn_asymmetry,
-    "wheel_eccentricity": wheel_eccentricity,
-    "stribeck_friction": (stribeck_friction, smooth_friction),
-    "camber": camber,
-    "slope": slope,
-    "terrain": terrain,
-    "world_drift": (world_drift, wandering_drift),
-    "gusts": gusts,
+    "pacejka_slip": (
+        forms.exponential_slip,
+        forms.hill_slip,
+        forms.threshold_slip,
+        forms.understeer,
+        forms.wheel_slip,
+        forms.skid_steer,
+    ),
+    "lateral_skid": (forms.saturating_skid, forms.threshold_skid, forms.lagging_skid),
+    "turn_asymmetry": never.turn_asymmetry,
+    "wheel_eccentricity": never.wheel_eccentricity,
+    "stribeck_friction": (
+        forms.smooth_friction,
+        forms.lost_speed_friction,
+        forms.quadratic_friction,
+        forms.wheel_friction,
+        forms.presliding_friction,
+    ),
+    "caster_kick": never.caster_kick,
+    "camber": never.camber,
+    "slope": never.slope,
+    "terrain": never.terrain,
+    "tether": never.tether,
+    "no_traction": (),
+    "world_drift": (forms.wandering_drift, forms.growing_drift),
 }
 _SENSOR = {
-    "sensor_lever_arm": (sensor_lever_arm, swaying_arm),
-    "heading_scale": heading_scale,
-    "heading_bias": (heading_bias, compass_bias),
+    "sensor_lever_arm": (forms.swaying_arm, forms.yielding_arm),
+    "heading_scale": never.heading_scale,
+    "heading_bias": (forms.compass_bias, forms.soft_iron_bias),
 }
 _ALL = _ACTUATOR | _PLANT | _SENSOR
-PLAIN = {name: entry[0] for name, entry in _ALL.items() if isinstance(entry, tuple)}
-OTHER = {name: entry[1] for name, entry in _ALL.items() if isinstance(entry, tuple)}
+PLAIN = {name: getattr(plain, name) for name, entry in _ALL.items() if isinstance(entry, tuple)}
+OTHER = {name: {form.__name__: form for form in entry} for name, entry in _ALL.items() if isinstance(entry, tuple) and entry}
 NEVER = {name: entry for name, entry in _ALL.items() if callable(entry)}
-SHAPES = {"plain": PLAIN, "other": OTHER, "never": NEVER}
+
+FAMILIES = dict.fromkeys(_ALL, "") | {
+    "pacejka_slip": "slip",
+    "lateral_skid": "slip",
+    "stribeck_friction": "friction",
+    "actuator_lag": "lag",
+    "speed_lag": "lag",
+    "yaw_lag": "lag",
+    "transport_delay": "delay",
+    "dead_band": "dead_band",
+    "wheel_dead_band": "dead_band",
+    "saturation": "saturation",
+    "wheel_saturation": "saturation",
+}
+FAMILIES = {name: kind or name for name, kind in FAMILIES.items()}
+
+LINKS = {"command-wheel": _ACTUATOR, "wheel-ground": _PLANT, "gyro-heading": _SENSOR}
+
+
+def family(name, said=None):
+    """The family of an effect by its name, and by what a report says of one that the table lacks."""
+    known = {kind: kind for kind in FAMILIES.values()} | FAMILIES
+    return known.get(name) or known.get(said) or said or name
+
+
+def link(name):
+    """Between which two measurements of a log with odometry the effect acts; a clock that is slow acts between none."""
+    return None if name == "clock_scale" else next(key for key, block in LINKS.items() if name in block)
+
+
+def function(cause):
+    if cause.shape == "other":
+        choice = OTHER[cause.name]
+        return choice[cause.form or next(iter(choice))]
+    return {"plain": PLAIN, "never": NEVER}[cause.shape][cause.name]
 
 
 # ---- the robot -----------------------------------------------------------------------------------
@@ -343,41 +148,63 @@ def _pass(block, causes, signal, end):
             views = {k: a[first:last] for k, a in vars(signal).items() if isinstance(a, np.ndarray)}
             span = SimpleNamespace(**{**vars(signal), **views})
             span.passed = (span.t - cause.t0) / (min(cause.t1, end) - cause.t0)
-            SHAPES[cause.shape][name](span, **cause.parameters)
+            function(cause)(span, **cause.parameters)
 
 
-def _way(theta, forward, left, turn, h):
+def _body(u, dt, causes, x0, random, motion):
+    """What drives the robot, an array over the parts for each signal."""
+    parts, end = len(u) * SUB, len(u) * dt
+    v, w = (np.repeat(np.asarray(column, float), SUB) for column in np.transpose(u))
+    m = SimpleNamespace(
+        t=np.arange(parts) * dt / SUB, v=v, w=w, h=np.full(parts, dt / SUB), dt=dt, part=dt / SUB, ground=[],
+        heading=x0[2], begin=complex(*x0[:2]), random=random,
+    )  # fmt: skip
+    _pass(_ACTUATOR, causes, m, end)
+    m.forward, m.left, m.turn, m.wind = m.v.copy(), np.zeros(parts), m.w.copy(), np.zeros(parts, complex)
+    _pass(_PLANT, causes, m, end)
+    if motion:
+        random_motion.shake(m, **motion)
+    return m
+
+
+def _arc(theta, forward, left, turn, h):
     """Runge-Kutta's step of z' = (forward + i left) exp(i theta), theta' = turn."""
     return (forward + 1j * left) * h / 6 * (
         np.exp(1j * theta) + 4 * np.exp(1j * (theta + turn * h / 2)) + np.exp(1j * (theta + turn * h))
     )  # fmt: skip
 
 
-def simulate(u, dt, causes=(), x0=(0.0, 0.0, 0.0), random=None):
-    """Poses (K+1, 3) as measured without noise under commands u (K, 2); `random` draws jitter and gusts."""
-    parts = len(u) * SUB
-    v, w = (np.repeat(np.asarray(column, float), SUB) for column in np.transpose(u))
-    m = SimpleNamespace(
-        t=np.arange(parts) * dt / SUB, v=v, w=w, h=np.full(parts, dt / SUB), dt=dt, part=dt / SUB, ground=[],
-        heading=x0[2], random=random,
-    )  # fmt: skip
-    _pass(_ACTUATOR, causes, m, len(u) * dt)
-    m.forward, m.left, m.turn, m.wind = m.v.copy(), np.zeros(parts), m.w.copy(), np.zeros(parts, complex)
-    _pass(_PLANT, causes, m, len(u) * dt)
+def _positions(m, steps):
+    """Positions after every part from steps of the body; the ground slows the robot down and does not turn it."""
+    wind = m.wind * m.h
+    if not m.ground:
+        return m.begin + np.concatenate([[0], np.cumsum(steps + wind)])
+    z = [m.begin]
+    for step, blown in zip(steps.tolist(), wind.tolist()):
+        z.append(z[-1] + step * m.ground[0](z[-1]) + blown)
+    return np.array(z)
 
+
+def drive(u, dt, causes=(), x0=(0.0, 0.0, 0.0), random=None, motion=None):
+    """One drive under commands u (K, 2): poses (K+1, 3) as measured without noise, and what an observer would see.
+
+    `random` draws jitter and, with `motion`, the random slip of the wheels. Beside the poses: heading before the sensor,
+    position that the wind alone gives, means over each step of the wheels' speed and turn and of the robot's turn.
+    """
+    m = _body(u, dt, causes, x0, random, motion)
     theta = x0[2] + np.concatenate([[0], np.cumsum(m.turn * m.h)])
-    ways = _way(theta[:-1], m.forward, m.left, m.turn, m.h)
-    z = np.empty(parts + 1, complex)
-    z[0] = complex(*x0[:2])
-    if m.ground:  # the ground slows the robot down and does not turn it
-        for i, (way, wind) in enumerate(zip(ways.tolist(), (m.wind * m.h).tolist())):
-            z[i + 1] = z[i] + way * m.ground[0](z[i]) + wind
-    else:
-        z[1:] = z[0] + np.cumsum(ways + m.wind * m.h)
-
+    z = _positions(m, _arc(theta[:-1], m.forward, m.left, m.turn, m.h))
     s = SimpleNamespace(t=np.arange(len(u) + 1) * dt, z=z[::SUB].copy(), theta=theta[::SUB].copy(), dt=dt)
     _pass(_SENSOR, causes, s, len(u) * dt)
-    return np.stack([s.z.real, s.z.imag, s.theta], axis=1)
+    blown = np.concatenate([[0], np.cumsum(m.wind * m.h)])[::SUB]
+    means = {key: a.reshape(-1, SUB).mean(axis=1) for key, a in (("v", m.v), ("w", m.w), ("turn", m.turn))}
+    poses = np.stack([s.z.real, s.z.imag, s.theta], axis=1)
+    return SimpleNamespace(poses=poses, heading=theta[::SUB], blown=blown, **means)
+
+
+def simulate(u, dt, causes=(), x0=(0.0, 0.0, 0.0), random=None, motion=None):
+    """The poses of `drive`."""
+    return drive(u, dt, causes, x0, random, motion).poses
 
 
 def noise(random, kind, rows, sp, st, rho=0.0):

@@ -140,6 +140,11 @@ _BEGIN = {
     "backlash": [(0.02, 0.05, 0.1, 0.2)],
     "pacejka_slip": [(10.0,), (1.6,), (0.02, 0.06, 0.15, 0.4), (0.3,), (0.0, 0.45)],
     "stribeck_friction": [(0.02, 0.1, 0.4), (0.02, 0.1), (0.0, 0.08), (0.5, 1.0)],
+    "speed_lag": [(0.05, 0.15, 0.4, 0.8)],
+    "yaw_lag": [(0.05, 0.15, 0.4, 0.8)],
+    "acceleration_limit": [(0.3, 0.8, 2.0, 6.0), (0.3, 0.8, 2.0, 6.0)],
+    "wheel_dead_band": [(0.02, 0.05, 0.1, 0.2), (0.5,)],
+    "wheel_saturation": [(0.5, 0.9, 1.4), (0.5,)],
 }
 _BEGIN_SHARES = {
     "dead_band": [(0.01, 0.03, 0.05, 0.08, 0.12, 0.18, 0.25, 0.35)] * 2,
@@ -192,7 +197,7 @@ class Fit:
 
     def _grid(self, name):
         places = [i for n, i in self.places if n == name]
-        if name in _BEGIN:
+        if len(_BEGIN.get(name, ())) == len(self.rows[name]):
             grid = [[value / self._unit(name, i) for value in _BEGIN[name][i]] for i in places]
         elif name == "saturation":
             grid = _BEGIN_SHARES[name]

@@ -206,9 +206,82 @@ def test_right_answer():
     m = marks(label(), report("yaw_bias"))
     assert m["strict1"] and m["top1"] and m["top3"] and m["found"] and m["f1"] == 1 and m["failure"] is None
     assert not m["confident_wrong"] and not m["false_unknown"] and m["statements"] == [(0.95, True)]
-    assert m["parameter_errors"] == {"yaw_bias.d": pytest.approx(0.05)} and m["covered"] == {"yaw_bias.d": False}
+    assert m["parameter_errors"] == {"yaw_bias.d": pytest.approx(0.05)} and m["covered_rest"] == {"yaw_bias.d": False}
     assert m["realised_50"] == pytest.approx(0.9) and m["claim_error_50"] == pytest.approx(0)
     assert m["realised_10"] == pytest.approx(0.95) and not m["overclaims_50"] and m["set_size"] == 1
+
+
+def test_family_comes_before_the_name_and_the_form():
+    """A robot whose axes lag differently, called one lag of both: right in its family, not in its names."""
+    lags = label("lags", ("speed_lag", "yaw_lag"))
+    m = marks(lags, report("actuator_lag"))
+    assert m["family1"] and m["family_set"] and m["family_f1"] == 1 and m["statements"] == [(0.95, True)]
+    assert not m["top1"] and not m["found"] and m["f1"] == 0 and not m["confident_wrong"]
+    m = marks(lags, report("yaw_lag", "speed_lag", "yaw_gain"))
+    assert m["family1"] and not m["family_set"] and m["family_f1"] == pytest.approx(2 / 3) and m["found"]
+    assert m["statements"] == [(0.95, True), (0.95, True), (0.95, False)]
+    m = marks(lags, report("dead_band"))
+    assert not m["family1"] and not m["family_set"] and m["family_f1"] == 0 and m["confident_wrong"]
+
+
+def test_report_may_say_form_and_family_or_only_them():
+    slips = label("single_other", ("pacejka_slip",))
+    for effect in ({"name": "turning_loss", "family": "slip"}, {"form": "hill_slip", "family": "slip"}, {"family": "slip"},
+                   {"name": "pacejka_slip", "form": "wheel_slip", "family": "traction"}):  # fmt: skip
+        said = report() | {"ranking": [effect], "effects": [effect | {"confidence": 0.7}], "verdict": "partly"}
+        m = marks(slips, said)
+        assert m["family1"] and m["family_set"] and m["statements"] == [(0.7, True)] and m["partly"], effect
+    assert not marks(slips, said | {"ranking": [{"name": "x", "family": "drag"}], "effects": []})["family1"]
+    guess = report(verdict="unknown") | {"ranking": [], "best_fit": ["lateral_skid"]}
+    m = marks(slips, guess)
+    assert m["family1"] and not m["family_set"] and m["statements"] == [] and m["false_unknown"]
+
+
+def test_ambiguity_sets_count_between_families_too():
+    m = marks(label(), report("wheel_asymmetry", ambiguous={"wheel_asymmetry": ["yaw_bias"]}))
+    assert m["family1"] and m["family_set"] and not m["strict1"]
+
+
+def test_verdict_partly_is_no_alarm_of_unknown_and_is_one_on_a_healthy_robot():
+    assert not marks(label(), report("yaw_bias", verdict="partly"))["false_unknown"]
+    assert marks(label("none_slip", ()), report("yaw_bias", verdict="partly"))["false_alarm"]
+    assert not marks(label("never", ("camber",)), report("yaw_bias", verdict="partly"))["unknown"]
+
+
+def test_overclaiming_is_signed():
+    m = marks(label(), report("yaw_bias", after=0.3, claimed=0.9))
+    assert m["overclaims_50"] and m["claim_excess_50"] == pytest.approx(0.9 - 0.5)
+    m = marks(label(), report("yaw_bias", after=0.05, claimed=0.6))
+    assert not m["overclaims_50"] and m["claim_excess_50"] == pytest.approx(-0.4)
+
+
+def test_intervals_of_curves_are_counted_apart():
+    curve, rest = label(truth=("pacejka_slip",)), label()
+    curve["causes"][0]["parameters"] = usual("pacejka_slip")
+    said = report("pacejka_slip")
+    said["effects"][0] |= {"params": usual("pacejka_slip"), "params_ci95": {"B": [9, 11], "D": [0.2, 0.3]}}
+    m = score.judge(curve, {"report": said, "error": None, "seconds": 1.0}, commands())
+    assert m["covered_curves"] == {"pacejka_slip.B": True, "pacejka_slip.D": False} and m["covered_rest"] == {}
+    assert marks(rest, report("yaw_bias"))["covered_curves"] == {}
+
+
+def test_link_counts_where_a_report_has_one():
+    there = label("odometry")
+    there["causes"][0]["link"] = "command-wheel"
+    said = report("yaw_bias")
+    assert marks(there, said)["link"] == {}
+    for link, right in (("command-wheel", True), ("wheel-ground", False)):
+        said["effects"][0]["link"] = link
+        assert marks(there, said)["link"] == {"yaw_bias": right}
+
+
+def test_calibration_error_is_that_of_every_effect_named():
+    """Half of what is said at 0.9 is right, all that is said at 0.3 is: |0.9 - 0.5| and |0.3 - 1|, 20 and 10 times."""
+    rows = [{"statements": [(0.9, True), (0.9, False), (0.3, True)]} for _ in range(10)]
+    found = score.calibration_error(rows)
+    assert found["value"] == pytest.approx((20 * 0.4 + 10 * 0.7) / 30) and found["n"] == 30
+    assert found["excess"] == pytest.approx((20 * 0.4 - 10 * 0.7) / 30) and found["ci95"][0] < found["value"] < found["ci95"][1]
+    assert score.calibration_error([{"statements": []}])["value"] is None
 
 
 def test_wrong_answer_and_ambiguity_in_either_direction():
@@ -297,6 +370,7 @@ def test_a_failed_run_is_wrong(bad):
     ]
     results = score.summary({score.OURS: rows})
     assert [failure["log"] for failure in results["failures"]] == ["0000"]
+    assert results["must_hold"][0]["line"].startswith("single: family")
     assert results["must_hold"][0]["value"] == 0.5 and results["must_hold"][0]["met"] is False
 
 

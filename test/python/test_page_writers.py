@@ -72,15 +72,18 @@ def drive(tier, who="tinykoop", **marks):
 def test_blind_writes_counts_with_their_intervals_and_the_peers(written):
     rows = [drive("single", top1=k < 3, realised_50=0.99, parameter_errors={"a": 0.01}) for k in range(4)]
     rows += [drive("none_white", false_alarm=k == 0, false_unknown=False) for k in range(5)] + [drive("poor", top1=True)]
+    rows += [drive("single_other", who="boosting", family1=True), drive("slipping", family1=True), drive("none_slip", false_alarm=False)]
     rows += [drive("poor", who="boosting", top1=False), drive("never", unknown=True), drive("never", who="boosting", unknown=True)]
     blind.drives({"seal": {"n": 4, "seed": 9}, "rows": rows})
     lines = cells(written["blind"])
     assert lines["single effect named first"][:2] == ["3", "4"]
-    healthy = lines["healthy robots recognised as healthy: white, coloured, heavy-tailed noise, tiny gaps"]
-    assert healthy == ["4", "5", "0.38", "0.96"]  # Wilson, as tabulated: 37.6 to 96.4 %
-    assert lines["boosting"][1] == "0" and lines["tinykoop"][1] == "1"
-    assert (written["blind-single"], written["blind-healthy"]) == ("3 of 4", "4 of 5")
-    assert "`make blind N=4 SEED=9`: 11 drives" in written["blind"]
+    healthy = lines["healthy robots recognised as healthy: all kinds of noise, random slip, tiny gaps"]
+    assert healthy == ["5", "6", "0.44", "0.97"]  # Wilson, as tabulated: 43.6 to 97.0 %
+    assert lines["of these with random slip of 1 to 10 %"][:2] == ["1", "1"]
+    assert lines["effect on a robot that slips at random by 1 to 5 %: its family named first"][:2] == ["1", "1"]
+    assert lines["boosting"][1:3] == ["0", "1"] and lines["tinykoop"][1:3] == ["1", "0"]
+    assert (written["blind-single"], written["blind-healthy"]) == ("3 of 4", "5 of 6")
+    assert "`make blind N=4 SEED=9`: 13 drives" in written["blind"]
 
 
 def test_blind_flights_are_counted_by_tier(written):

@@ -8,6 +8,7 @@ from . import score, tiers
 
 VERDICTS = {
     "known": ("#08306b", ""),
+    "partly": ("#4292c6", "xx"),
     "none": ("#9ecae1", ".."),
     "unknown": ("#e6a000", "//"),
     "failed": ("#000000", ""),

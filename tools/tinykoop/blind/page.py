@@ -5,10 +5,10 @@ import numpy as np
 from ..plumbing import pages
 from ..plumbing.errors import UserError
 from ..plumbing.results import number
-from . import score, tiers
+from . import score
 
+HEALTHY = "healthy robots recognised as healthy: all kinds of noise, random slip, tiny gaps"
 HEADERS = ["", "found", "of", "95 % interval from", "to"]
-HEALTHY = tuple(name for name in tiers.TIERS if name.startswith("none_"))
 
 
 def _share(words, rows, mark, right=True):
@@ -30,30 +30,48 @@ def _typical(words, rows, mark, scale=1):
     return [words, number(scale * found["value"], 2), found["n"], *(number(scale * edge, 2) for edge in found["ci95"])]
 
 
+def _all_covered(row):
+    return row | {"covered_rest": row.get("covered_rest", {}) | row.get("covered_curves", {})}
+
+
+def _calibration(words, rows):
+    found = score.calibration_error(rows)
+    if found["value"] is None:
+        return [words, "-", "-", "-", "-"]
+    return [words, number(found["value"], 2), found["n"], *(number(edge, 2) for edge in found["ci95"])]
+
+
 def drive_lines(rows):
     """The lines of one diagnoser of drives."""
     of = lambda *names: score.of(rows, *names)  # noqa: E731
     other = of("single_other")
-    known = [row | {"unknown": row["verdict"] == "known"} for row in other]
+    known = [row | {"unknown": row["verdict"] in ("known", "partly")} for row in other]
     return [
+        _share("single effect: its family named first", of("single"), "family1"),
         _share("single effect named first", of("single"), "top1"),
         _typical("its parameters are off by, median (%)", of("single"), "parameter_errors", 100),
-        _share("healthy robots recognised as healthy: white, coloured, heavy-tailed noise, tiny gaps", of(*HEALTHY), "false_alarm", False),
+        _share(HEALTHY, of(*score.HEALTHY), "false_alarm", False),
+        _share("of these with random slip of 1 to 10 %", of("none_slip"), "false_alarm", False),
+        _share("effect on a robot that slips at random by 1 to 5 %: its family named first", of("slipping"), "family1"),
+        _share("lags of one or both axes, lag and gain: exact set of families", of("lags"), "family_set"),
+        _share("log with odometry: the effect's family named first", of("odometry"), "family1"),
         _typical("pairs: F1, mean", of("pair"), "f1"),
         _typical("switched effect: onset off by, median (s)", of("switch"), "onset"),
         _typical("switched effect: IoU, median", of("switch"), "iou"),
         _typical("five phases: IoU, median", of("five_phase"), "iou"),
         _share("effect taken out of the library: `unknown`, exact aliases aside", of("left_out"), "unknown"),
         _share("effect that was never in it: `unknown`", of("never"), "unknown"),
-        _share("known effect in another form than the library's: named first", other, "top1"),
-        _share("the same: `known`", known, "unknown"),
+        _share("known effect in another form than the library's: its family named first", other, "family1"),
+        _share("the same: `known` or `partly`", known, "unknown"),
         _share("the same: claimed over 0.1 more than realised, 50 steps", other, "overclaims_50"),
         _share("all logs with an effect: claimed over 0.1 more than realised, 50 steps", rows, "overclaims_50"),
         _typical("gap closed on a fresh drive, 50 steps, median (%)", of("single"), "realised_50", 100),
         _typical("claimed against realised, 50 steps, median (points)", of("single"), "claim_error_50", 100),
         _share("short or poor drives: named first", of("poor"), "top1"),
-        _share("true parameters inside their 95 % intervals", rows, "covered"),
-        _share("the same, short or poor drives", of("poor"), "covered"),
+        _share("true parameters inside their 95 % intervals, without slip and friction", rows, "covered_rest"),
+        _share("the same of slip and friction", rows, "covered_curves"),
+        _share("the same of all, short or poor drives", [_all_covered(row) for row in of("poor")], "covered_rest"),
+        _calibration("expected calibration error of the confidence of all effects named", rows),
         _share("wrong with a confidence of 0.9 or more", rows, "confident_wrong"),
     ]
 
@@ -64,8 +82,9 @@ def peer_lines(by):
     for who, rows in by.items():
         closed = score.figure(score.of(rows, "single"), "realised_50")["value"]
         poor = score.figure(score.of(rows, "poor"), "top1")
-        cells = number(score.open_set(rows), 2), round((poor["value"] or 0) * poor["n"]), number(None if closed is None else 100 * closed)
-        lines.append([who, *cells])
+        other = score.figure(score.of(rows, "single_other"), "family1")
+        counts = [round((found["value"] or 0) * found["n"]) for found in (poor, other)]
+        lines.append([who, number(score.open_set(rows), 2), *counts, number(None if closed is None else 100 * closed)])
     return lines
 
 
@@ -81,11 +100,13 @@ def drives(results):
         "",
         "balanced accuracy, known or unknown",
         f"poor drives named first, of {len(score.of(ours, 'poor'))}",
+        f"family of other forms named first, of {len(score.of(ours, 'single_other'))}",
         "gap closed, fresh drive (%)",
     ]
     first = pages.table(f"{command}: {len(ours)} drives", HEADERS, lines)
     pages.update("docs/diagnose.md", "blind", first + "\n" + pages.table("The same drives by peers", headers, peer_lines(by)))
-    for name, line in (("blind-single", lines[0]), ("blind-healthy", lines[2])):
+    by_words = {cells[0]: cells for cells in lines}
+    for name, line in (("blind-single", by_words["single effect named first"]), ("blind-healthy", by_words[HEALTHY])):
         pages.headline(name, f"{line[1]} of {line[2]}")
 
 

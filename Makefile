@@ -108,8 +108,8 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 	@$(call install,$(VENV),tools/requirements-logs.txt)
 	@touch $@
 
-blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
-	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
+blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
+	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(foreach tier,$(TIER),--tier "$(tier)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
 study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= per setting): study.json
 	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)") $(UPDATED)

@@ -52,7 +52,7 @@ def test_names_the_effect_and_closes_the_gap(logs, peer, name):
     assert set(found) == FIELDS and json.loads(json.dumps(found)) == found
     assert found["ranking"][0]["name"] == name
     scores = [entry["score"] for entry in found["ranking"]]
-    assert scores == sorted(scores, reverse=True) and len(scores) == 17
+    assert scores == sorted(scores, reverse=True) and len(scores) == len(common.candidates())
     effect = found["effects"][0]
     assert effect["name"] == name and 0 <= effect["confidence"] <= 1
     true = {"speed_gain": -0.1, "actuator_lag": 0.3}[name]

@@ -133,7 +133,7 @@ def _assurance(add):
     blind.add_argument("--platform", choices=PLATFORMS, default="ddr", help="whose diagnoser")
     blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: inject known effects into this real flight instead")
-    blind.add_argument("--n", type=int, default=20, help="logs of each tier; of the drive's, a single one has at most 1,200 rows")
+    blind.add_argument("--n", type=int, default=20, help="logs of each tier; of the drive's, a single one has at most 900 rows")
     blind.add_argument("--tier", action="append", metavar="NAME", help="only this tier, may be given several times (default: all)")
     blind.add_argument("--seed", type=int, default=1, help="of all logs")
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")

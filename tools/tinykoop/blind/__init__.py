@@ -26,7 +26,7 @@ from ..plumbing.results import alone, console, output_folder, remove, write_json
 from ..plumbing.workers import each, workers
 
 N, SEED = 20, 1
-SHORT = 1200  # rows at most, with one log per tier: that shows that all of it runs, and takes little time
+SHORT = 900  # rows at most, with one log per tier: that shows that all of it runs, and takes little time
 TIMEOUT = 600  # s, of one diagnosis
 TOOLS = Path(__file__).resolve().parents[2]
 DIAGNOSE = (sys.executable, "-m", "tinykoop.cli", "diagnose")

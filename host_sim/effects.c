@@ -12,10 +12,19 @@
 /* One line each. */
 #define DDR_EFFECTS(EFFECT)                                                                                  \
 	EFFECT(saturation)                                                                                       \
+	EFFECT(saturation_soft)                                                                                  \
+	EFFECT(wheel_saturation)                                                                                 \
 	EFFECT(transport_delay)                                                                                  \
 	EFFECT(dead_band)                                                                                        \
+	EFFECT(dead_zone_shifted)                                                                                \
+	EFFECT(wheel_dead_band)                                                                                  \
 	EFFECT(backlash)                                                                                         \
+	EFFECT(backlash_angle)                                                                                   \
+	EFFECT(acceleration_limit)                                                                               \
 	EFFECT(actuator_lag)                                                                                     \
+	EFFECT(speed_lag)                                                                                        \
+	EFFECT(yaw_lag)                                                                                          \
+	EFFECT(second_order_lag)                                                                                 \
 	EFFECT(speed_gain)                                                                                       \
 	EFFECT(battery_sag)                                                                                      \
 	EFFECT(yaw_gain)                                                                                         \
@@ -23,8 +32,12 @@
 	EFFECT(yaw_bias)                                                                                         \
 	EFFECT(clock_scale)                                                                                      \
 	EFFECT(pacejka_slip)                                                                                     \
+	EFFECT(slip_general)                                                                                     \
+	EFFECT(slip_saturating)                                                                                  \
 	EFFECT(lateral_skid)                                                                                     \
 	EFFECT(stribeck_friction)                                                                                \
+	EFFECT(friction_coulomb)                                                                                 \
+	EFFECT(friction_general)                                                                                 \
 	EFFECT(world_drift)                                                                                      \
 	EFFECT(sensor_lever_arm)                                                                                 \
 	EFFECT(heading_bias)                                                                                     \
@@ -82,6 +95,16 @@ const char *tk_effect_name(const char *platform, size_t effect) {
 const char *tk_effect_formula(const char *platform, size_t effect) {
 	const tk_effect *e = effect_at(platform, effect);
 	return e ? e->formula : NULL;
+}
+
+const char *tk_effect_family(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e && e->family ? e->family : tk_effect_name(platform, effect);
+}
+
+const char *tk_effect_reported_as(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e && e->reported_as ? e->reported_as : tk_effect_name(platform, effect);
 }
 
 int tk_effect_block(const char *platform, size_t effect) {

@@ -30,7 +30,9 @@ typedef struct tk_parameter {
 
 typedef struct tk_effect {
 	const char *name, *formula; /* of what it changes, in the names of its parameters */
-	int block; /* TK_ACTUATOR, TK_PLANT or TK_SENSOR */
+	const char *family;         /* effects that look alike in a log; null: its own name */
+	const char *reported_as;    /* the effect of which it is another form; null: its own name */
+	int block;                  /* TK_ACTUATOR, TK_PLANT or TK_SENSOR */
 	size_t n_parameters;
 	tk_parameter parameters[TK_MAX_PARAMETERS];
 	size_t n_memory; /* doubles of state, zero when the effect sets in */
@@ -77,7 +79,21 @@ void effects_undo(const effect_chain *chain, int block, tk_signal *signal);
 
 void delay_commands(const double *parameters, double *memory, tk_signal *signal);
 size_t delay_history(const double *parameters, double dt);
-enum { LAG_MEMORY = 3 };
+enum { LAG_MEMORY = 4 };
 void lag_commands(const double *parameters, double *memory, tk_signal *signal);
+
+/* ---- What several forms share -------------------------------------------------- */
+
+/* One command behind a first-order lag of time constant tau; `memory` of AXIS_LAG_MEMORY. */
+enum { AXIS_LAG_MEMORY = 2 };
+void lag_command(double tau, double *memory, double dt, double *command);
+/* Beyond `dead` it loses `dead`, within it nothing is left. */
+double shrunk(double value, double dead);
+/* The speeds of the two wheels at the rim, a track apart, each changed by act(rim speed, limit). Without a
+ * track both wheels have the speed of the robot. */
+void change_wheels(double (*act)(double rim, double limit), double limit, double track, tk_signal *signal);
+/* Speed and yaw rate lose the shares v_loss and w_loss of themselves, and the robot slides by the share `lateral`
+ * of the commanded speed, towards the inside of the bend. */
+void slip_by(double v_loss, double w_loss, double lateral, tk_signal *signal);
 
 #endif

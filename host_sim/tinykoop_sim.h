@@ -52,6 +52,9 @@ typedef struct tk_active {
 /* The effects of a platform (ddr, fwmav) in the order of action; null when there are no more. */
 TK_API const char *tk_effect_name(const char *platform, size_t effect);
 TK_API const char *tk_effect_formula(const char *platform, size_t effect);
+/* Effects of one family look alike in a log. Those that are reported as another one are forms of it. */
+TK_API const char *tk_effect_family(const char *platform, size_t effect);
+TK_API const char *tk_effect_reported_as(const char *platform, size_t effect);
 TK_API int tk_effect_block(const char *platform, size_t effect);
 TK_API size_t tk_effect_parameters(const char *platform, size_t effect);
 /* Name, unit, bounds (refused outside) and a usual value; zero for all parameters is no effect. */

@@ -7,25 +7,28 @@
 
 #include "effects.h"
 
-enum { BEGUN, STATE }; /* of each command */
+enum { BEGUN, STATE };
+
+void lag_command(double tau, double *memory, double dt, double *command) {
+	if (!(tau > 0)) { return; }
+	const double steps = dt / tau, gone = -expm1(-steps); /* share of the way gone in a step */
+	if (!memory[BEGUN]) { memory[STATE] = *command; }
+	const double behind = memory[STATE] - *command;
+	*command += behind * gone / steps;
+	memory[STATE] -= behind * gone;
+	memory[BEGUN] = 1;
+}
 
 void lag_commands(const double *p, double *memory, tk_signal *signal) {
-	if (!(p[0] > 0)) { return; }
-	const double steps = signal->dt / p[0], gone = -expm1(-steps); /* share of the way gone in a step */
 	for (size_t i = 0; i < 2; i++) {
-		double *state = memory + STATE + i;
-		const double command = signal->command[i];
-		if (!memory[BEGUN]) { *state = command; }
-		const double behind = *state - command;
-		signal->command[i] = command + behind * gone / steps;
-		*state -= behind * gone;
+		lag_command(p[0], memory + AXIS_LAG_MEMORY * i, signal->dt, &signal->command[i]);
 	}
-	memory[BEGUN] = 1;
 }
 
 const tk_effect actuator_lag = {
     .name = "actuator_lag",
     .formula = "tau x' = command - x, for x = v and x = omega",
+    .family = "lag",
     .block = TK_ACTUATOR,
     .n_parameters = 1,
     .parameters = {{"tau", "s", 0, 3, 0.3}},

@@ -24,6 +24,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 const tk_effect pacejka_slip = {
     .name = "pacejka_slip",
     .formula = "v -> v (1 - 0.3 l), omega -> omega (1 - 0.7 l), sideways velocity = lat v l sign(omega); l = D sin(C atan(s - E (s - atan s))), s = B 0.18 s^2/m |v omega|",
+    .family = "slip",
     .block = TK_PLANT,
     .n_parameters = 5,
     .parameters =

@@ -24,6 +24,7 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 const tk_effect stribeck_friction = {
     .name = "stribeck_friction",
     .formula = "v -> v (1 - mu(v)), |omega| -> |omega| - 0.1 mu(omega) rad/s; mu(x) = Fc + (Fs - Fc) exp(-(x / vs)^2) + Fv |x|",
+    .family = "friction",
     .block = TK_PLANT,
     .n_parameters = 4,
     .parameters =

@@ -6,11 +6,11 @@ from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_log, write_log
 from .sizes import storage
-from .unmodelled import Effect, effects, formulas, usual_effect
+from .unmodelled import Effect, effects, families, formulas, usual_effect
 
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
-    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
+    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
     "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

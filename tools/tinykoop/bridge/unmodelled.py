@@ -46,6 +46,15 @@ def formulas(platform="ddr"):
 
 
 @cache
+def families(platform="ddr"):
+    """{effect: (family, the name under which it is reported)}; effects that are reported under another's name are forms of it."""
+    asked = ("tk_effect_family", "tk_effect_reported_as")
+    return {
+        name: tuple(raw(what, platform.encode(), ct.c_size_t(i)).decode() for what in asked) for i, name in enumerate(_effects(platform))
+    }
+
+
+@cache
 def _effects(platform):
     table, c_platform = {}, platform.encode()
     while name := raw("tk_effect_name", c_platform, ct.c_size_t(len(table))):

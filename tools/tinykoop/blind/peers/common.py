@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from ... import bridge
+from .. import plant
 
 HORIZONS = (1, 10, 50)
 WINDOW = 20  # steps that a fit predicts ahead
@@ -299,8 +300,8 @@ def simulator(active):
 
 
 def candidates(without=()):
-    """The vocabulary less the noise and what may not be named."""
-    return [name for name in bridge.effects() if name != "measurement_noise" and name not in without]
+    """The effects that the logs have, less what may not be named; their other forms are not the peers' concern."""
+    return [name for name in plant.PLAIN if name not in without]
 
 
 def on_one_core(peer):

@@ -1,0 +1,17 @@
+/* The yaw rate follows its command as a first-order system of time constant tau; the speed does not. */
+#include "effects.h"
+
+static void apply(const double *p, double *memory, tk_signal *signal) {
+	lag_command(p[0], memory, signal->dt, &signal->command[1]);
+}
+
+const tk_effect yaw_lag = {
+    .name = "yaw_lag",
+    .formula = "tau x' = omega - x, omega -> x",
+    .family = "lag",
+    .block = TK_ACTUATOR,
+    .n_parameters = 1,
+    .parameters = {{"tau", "s", 0, 3, 0.3}},
+    .n_memory = AXIS_LAG_MEMORY,
+    .apply = apply,
+};

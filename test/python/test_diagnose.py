@@ -15,7 +15,8 @@ from tinykoop.plumbing.errors import UserError
 
 DT, START = 0.05, (0.3, -0.2, 2.0)
 SP, ST = 0.004, 0.004  # m, rad
-VOCABULARY = [name for name in bridge.effects() if name != "measurement_noise"]
+# the forms of these have tests of their own, test_effect_forms.py
+VOCABULARY = [name for name, (_, reported) in bridge.families().items() if name == reported and name != "measurement_noise"]
 SHORT, LONG = 600, 1200  # rows
 PARAMETERS = {name: effect.parameters for name, effect in ddr.effects(np.ones((2, 2))).items()}
 
@@ -87,7 +88,7 @@ def recorded(report):
     for effect in report["effects"]:
         for t0, t1 in effect["segments"]:
             whole = [t0, t1] == [0.0, report["log"]["seconds"]]
-            found.append(bridge.Effect(effect["name"], tuple(effect["params"].values()), t0, np.inf if whole else t1))
+            found.append(bridge.Effect(effect.get("form", effect["name"]), tuple(effect["params"].values()), t0, np.inf if whole else t1))
     return found
 
 

@@ -57,7 +57,7 @@ def valid(path):
     table = bridge.effects()
     for effect in report["effects"]:
         assert 0 <= effect["confidence"] <= 1 and effect["segments"]
-        for name, _, low, high, _ in table[effect["name"]][1]:
+        for name, _, low, high, _ in table[effect.get("form", effect["name"])][1]:
             assert low <= effect["params"][name] <= high and len(effect["params_ci95"][name]) == 2
         for t0, t1 in effect["segments"]:
             assert 0 <= t0 < t1 <= report["log"]["seconds"] + 1e-6

@@ -113,9 +113,9 @@ def recomputed_gap(answer, fresh):
     table = bridge.effects()
     try:
         active = [
-            bridge.Effect(e["name"], tuple(float(e["params"][row[0]]) for row in table[e["name"]][1]))
+            bridge.Effect(form, tuple(float(e["params"][row[0]]) for row in table[form][1]))
             for e in answer.there
-            if e.get("acts", True)
+            if e.get("acts", True) and (form := e.get("form", e["name"]))
         ]
         return [tiers.gap(fresh.x, fresh.u, fresh.dt, active=a, usable=fresh.usable) for a in ((), active)]
     except (KeyError, TypeError, UserError):

@@ -34,10 +34,15 @@ class Diagnosis:
 def told(path, cause):
     """A Cause as the report has it."""
     effect, end = path.effects[cause.name], elsewhere.seconds(path.log)
-    return {
-        "name": cause.name, "params": {p.name: float(v) for p, v in zip(effect.parameters, cause.params)},
+    return called(effect) | {
+        "params": {p.name: float(v) for p, v in zip(effect.parameters, cause.params)},
         "units": {p.name: p.unit for p in effect.parameters}, "segments": inside(cause.segments, end), "formula": effect.formula,
     }  # fmt: skip
+
+
+def called(effect):
+    """The name of an effect in a report, and its form if that is another."""
+    return {"name": effect.reported_as} | ({"form": effect.name} if effect.name != effect.reported_as else {})
 
 
 def inside(segments, end):
@@ -90,7 +95,8 @@ def contributions(found, every=1):
     size = lambda causes: ahead.rms(ahead.errors(path, causes, starts)[gap])  # noqa: E731
     whole = size(found.fit.causes)
     rises = (size(proof.rest.causes) - whole for proof in found.proofs)
-    return {c.name: dict(zip(map(str, ahead.HORIZONS), map(float, rise))) for c, rise in zip(found.fit.causes, rises)}
+    names = (path.effects[c.name].reported_as for c in found.fit.causes)
+    return {name: dict(zip(map(str, ahead.HORIZONS), map(float, rise))) for name, rise in zip(names, rises)}
 
 
 def noise(path, noise, motion=0):
@@ -142,7 +148,7 @@ def report_of(found, where, hidden, unexplained=None, seed=0):
         "best_fit": every if len(believed) < len(every) else [],
         "small": [told(path, cause) for cause in found.small],
         "ranking": [{"name": n, "score": float(s)} for n, s in judge.ranking(found.search, fitter.fit_of(()), fit, found.proofs)],
-        "ambiguous_with": {c.name: list(p.others) for c, p in zip(fit.causes, found.proofs) if p.others},
+        "ambiguous_with": {path.effects[c.name].reported_as: list(p.others) for c, p in zip(fit.causes, found.proofs) if p.others},
         "lookalikes": [{"effects": sorted(some), "as": what} for some, what in path.lookalikes.items() if some <= names],
         "suggested_excitation": "",
         "where": where,
@@ -193,4 +199,7 @@ def on_fresh(result, path):
     starts = ahead.starts_of(path)
     before, after = (ahead.errors(path, some, starts) for some in ((), causes))
     least = ahead.floor(path, state.noise.quiet(path), starts)
-    return {**gaps(path, before, after, least), "effects": elsewhere.told(carried, parameters)}
+    return {
+        **gaps(path, before, after, least),
+        "effects": [one | called(path.effects[one["name"]]) for one in elsewhere.told(carried, parameters)],
+    }

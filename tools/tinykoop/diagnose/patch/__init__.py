@@ -32,6 +32,11 @@ def _report(path):
     for effect in effects:
         if not _all_along(effect, report):
             raise UserError(f"{path}: {effect['name']} acts in a part of the log only; a simulator's number cannot say that")
+        if "form" in effect:
+            form = f"{effect['form']}: {effect['formula']}"
+            raise UserError(
+                f"{path}: {effect['name']} was found in a form that no file can hold; add it to your simulator by hand ({form})"
+            )
     return report
 
 

@@ -11,6 +11,7 @@ SHOWS = 1.0  # norm of what a candidate does beside the others
 LIMIT = 0.3  # share of a range in which a linear effect begins
 ALONG = 0.5  # of what a candidate would gain at another size, that is promised
 MARK = 1.5  # s, of what shows when an effect sets in
+PROMISING = 0.05  # of what the best effect promises, from which on the others of a family are scanned, too
 
 
 class _Beside:
@@ -53,9 +54,9 @@ def _best_start(effect, causes, columns, left):
 
 
 def _whole(beside, effects, segments):
-    """[(gain, Cause)] of every effect that is not in the fit and does something."""
+    """[(gain, Cause)] of those of some effects that do something."""
     fit, found = beside.fit, []
-    names = [n for n, e in effects.items() if n not in fit.names and not e.transient]
+    names = [n for n, e in effects.items() if not e.transient]
     trials = [Cause(n, start, segments) for n in names for start in effects[n].starts]
     if not trials:
         return []
@@ -68,6 +69,18 @@ def _whole(beside, effects, segments):
             best = _linear if effects[name].linear else _best_start
             found.append(best(effects[name], causes, some, beside.left))
     return [(gain, cause) for gain, cause in found if gain > 0]
+
+
+def _families(beside, segments):
+    """[(gain, Cause)] of effects that are not in the fit: the first of each family, and the others where that promises something."""
+    effects, firsts = beside.fit.lacks(beside.fitter.effects), {}
+    for name, effect in effects.items():
+        firsts.setdefault(effect.kin, name)
+    found = _whole(beside, {name: effects[name] for name in firsts.values()}, segments)
+    most = max((gain for gain, _ in found), default=0.0)
+    likely = {effects[cause.name].kin for gain, cause in found if gain >= PROMISING * most}
+    others = {name: e for name, e in effects.items() if e.kin in likely and name != firsts[e.kin]}
+    return found + _whole(beside, others, segments)
 
 
 def _in_time(beside, gain, cause, margin):
@@ -105,9 +118,18 @@ def _onset(beside, effect, price):
 def candidates(fitter, fit, segments=None, margin=0.0):
     """[(promise, Cause)], best first. segments: when they act, if that is not asked, too."""
     beside = _Beside(fitter, fit)
-    found = _whole(beside, fitter.effects, segments or ALWAYS)
+    found = _families(beside, segments or ALWAYS)
     if segments is None:
-        sudden = [effect for name, effect in fitter.effects.items() if effect.transient and name not in fit.names]
+        sudden = [effect for effect in fit.lacks(fitter.effects).values() if effect.transient]
         found += [_onset(beside, effect, 2 * np.log(fitter.degrees)) for effect in sudden]
-        found += [timed for gain, cause in found if cause.segments == ALWAYS and (timed := _in_time(beside, gain, cause, margin))]
+        own = [(gain, cause) for gain, cause in found if fitter.effects[cause.name].reported_as == cause.name]
+        found += [timed for gain, cause in own if cause.segments == ALWAYS and (timed := _in_time(beside, gain, cause, margin))]
     return sorted(found, key=lambda f: -f[0])
+
+
+def first_forms(effects, found, count):
+    """Causes of the first of so many effects, each in the form that promises most."""
+    seen = {}
+    for _, cause in found:
+        seen.setdefault(effects[cause.name].reported_as, cause)
+    return list(seen.values())[:count]

@@ -17,7 +17,10 @@ SLOPE = 1e-9  # squares, below which there is none
 
 @dataclass(frozen=True)
 class Effect:
-    """starts: vectors of parameters that a scan begins with. linear: any combination of them scales what it does."""
+    """starts: vectors of parameters that a scan begins with. linear: any combination of them scales what it does.
+
+    family: of effects that look alike; form_of: the effect of which this is another form, by whose name it is reported.
+    """
 
     name: str
     block: str
@@ -29,6 +32,16 @@ class Effect:
     steady: bool = True  # half of it does about half of what it does
     formula: str = ""  # what it does, where no words say so
     transient: bool = field(default=False, kw_only=True)  # shows when it sets in, and hardly after
+    family: str = field(default="", kw_only=True)  # none: its own
+    form_of: str = field(default="", kw_only=True)  # none: of none
+
+    @property
+    def reported_as(self):
+        return self.form_of or self.name
+
+    @property
+    def kin(self):
+        return self.family or self.name
 
     @cached_property
     def scale(self):
@@ -60,6 +73,11 @@ class Fit:
     @property
     def names(self):
         return tuple(c.name for c in self.causes)
+
+    def lacks(self, effects):
+        """{name: Effect} of those that are in no form among the causes."""
+        taken = {effects[name].reported_as for name in self.names}
+        return {name: effect for name, effect in effects.items() if effect.reported_as not in taken}
 
 
 class Fitter:

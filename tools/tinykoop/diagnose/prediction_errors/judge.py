@@ -6,6 +6,7 @@ import numpy as np
 from scipy import special
 
 from . import ahead
+from .candidates import first_forms
 from .fit import SLOPE, Cause, Fit
 
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
@@ -69,22 +70,25 @@ def dropped(fitter, fit):
 
 def _rivals(search, fit, rest, i):
     """[fits with another effect instead of cause i], the likeliest."""
-    fitter = search.fitter
-    likely = [c for _, c in search.candidates(rest) if c.name != fit.causes[i].name and c.name not in rest.names][:RIVALS]
-    likely = [Cause(c.name, c.params, fit.causes[i].segments) for c in likely]
+    fitter, effects = search.fitter, search.path.effects
+    mine = effects[fit.causes[i].name].reported_as
+    found = [(promise, c) for promise, c in search.candidates(rest) if effects[c.name].reported_as != mine]
+    forms = {c.name for c in first_forms(effects, found, len(found))}
+    likely = [Cause(c.name, c.params, fit.causes[i].segments) for _, c in found if c.name in forms][:RIVALS]
     return [fitter.refine(fitter.fit_of((*rest.causes, c)), 6) for c in likely]
 
 
 def _pair(search, fit, rivals, name):
     """Two effects that together do the same as one, as equal gains on both axes do for a clock."""
-    first = min(rivals, key=lambda f: f.cost, default=fit)
+    first, effects = min(rivals, key=lambda f: f.cost, default=fit), search.path.effects
     if first.cost - fit.cost < search.price:
         return []
-    second = next((c for _, c in search.candidates(first) if c.name != name), None)
+    mine = effects[name].reported_as
+    second = next((c for _, c in search.candidates(first) if effects[c.name].reported_as != mine), None)
     if second is None:
         return []
     both = search.fitter.refine(search.fitter.fit_of((*first.causes, second)))
-    return [c.name for c in both.causes[-2:]] if both.cost - fit.cost < search.price else []
+    return [effects[c.name].reported_as for c in both.causes[-2:]] if both.cost - fit.cost < search.price else []
 
 
 def all_rivals(search, fit, rests):
@@ -111,8 +115,9 @@ def proofs(search, fit, rests, every, left):
     out = []
     for i, (rest, rivals) in enumerate(zip(rests, every)):
         worth = max(rest.cost - fit.cost, 0.0)
-        absorbed = {r.causes[-1].name: float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
-        behind = {r.causes[-1].name: r.cost - fit.cost for r in rivals}
+        called = lambda r: search.path.effects[r.causes[-1].name].reported_as  # noqa: E731
+        absorbed = {called(r): float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
+        behind = {called(r): r.cost - fit.cost for r in rivals}
         others = [n for n, d in behind.items() if (d < search.price and absorbed[n] > 0.5) or absorbed[n] > search.path.alias]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
         heat = 2.0 * (1 + 50 * left.share)
@@ -314,7 +319,7 @@ def untestable(search, fit):
     fitter, out = search.fitter, []
     J = fitter.jacobian(fit)
     Q = np.linalg.qr(J)[0] if J.shape[1] else J
-    names = [n for n, e in fitter.effects.items() if n not in fit.names and not e.transient]
+    names = [n for n, e in fit.lacks(fitter.effects).items() if n == e.reported_as and not e.transient]
     if not names:
         return out
     trials = [(*fit.causes, Cause(n, tuple(p.usual for p in fitter.effects[n].parameters))) for n in names]
@@ -326,13 +331,13 @@ def untestable(search, fit):
 def ranking(search, base, fit, proved):
     """[(name, score)]."""
     whole = max(base.cost - fit.cost, 1e-9)
-    score = {c.name: 1 + p.worth / whole for c, p in zip(fit.causes, proved)}
+    effects = search.fitter.effects
+    score = {effects[c.name].reported_as: 1 + p.worth / whole for c, p in zip(fit.causes, proved)}
     for gain, cause in search.candidates(base):
-        if cause.name not in score:
-            share = (
-                gain / max(base.cost, 1e-9) if not fit.causes else max([p.absorbed.get(cause.name, 0) * p.worth / whole for p in proved])
-            )
-            score[cause.name] = share
-    for name in search.fitter.effects:
-        score.setdefault(name, 0.0)
+        name = effects[cause.name].reported_as
+        if name not in score:
+            share = gain / max(base.cost, 1e-9) if not fit.causes else max([p.absorbed.get(name, 0) * p.worth / whole for p in proved])
+            score[name] = share
+    for effect in effects.values():
+        score.setdefault(effect.reported_as, 0.0)
     return sorted(score.items(), key=lambda s: -s[1])

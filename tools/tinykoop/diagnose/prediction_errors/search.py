@@ -2,22 +2,14 @@
 
 from dataclasses import replace
 
-from . import simpler, spans
-from .candidates import candidates
+from . import forms, simpler, spans
+from .candidates import candidates, first_forms
 from .states import MARGIN, States
 
 MOST = 4  # effects of one explanation
 LIKELY, HIDDEN = 4, 3  # candidates by the noise as it is, and by what the sensor alone makes
 TRIED, CLOSE = 2, 0.6  # of these, for which noise is estimated again; of the best one's gain, that the next must have
 TURNS = 3  # of more causes and simpler ones
-
-
-def _first(found, count):
-    """The first of so many effects."""
-    seen = {}
-    for promise, cause in found:
-        seen.setdefault(cause.name, (promise, cause))
-    return list(seen.values())[:count]
 
 
 class Search(States):
@@ -29,7 +21,9 @@ class Search(States):
         state = self.begun(state, Search(coarse).run()) if coarse else simpler.stepped(self, state)
         for _ in range(TURNS):
             wide = state = self.moving_alike(self.forward(state))
-            for simpler_ in (simpler.begun_anew, simpler.swapped, simpler.opened, simpler.simplified, simpler.discretised):
+            for simpler_ in (
+                forms.reformed, simpler.begun_anew, simpler.swapped, simpler.opened, simpler.simplified, simpler.discretised,
+            ):  # fmt: skip
                 state = simpler_(self, state)
             if state is wide or len(state.causes) == MOST or self.path.spent:
                 break
@@ -56,7 +50,7 @@ class Search(States):
     def widened(self, state):
         """The best state with one cause more: of those likely by the noise as it is, and the likeliest if that hid it."""
         found, *rest = (
-            [cause for _, cause in _first(self.candidates(view(state).fit_of(state.causes)), count)]
+            first_forms(self.path.effects, self.candidates(view(state).fit_of(state.causes)), count)
             for view, count in zip(self.views, (LIKELY, HIDDEN))
         )
         hidden = sum(rest, [])

@@ -185,7 +185,7 @@ class Teller:
     def phrase(self, effect):
         """What an effect does, in plain words; name and parameters of one that has no phrase."""
         try:
-            return self.phrases[effect["name"]](effect["params"])
+            return self.phrases[effect.get("form", effect["name"])](effect["params"])
         except (KeyError, TypeError):
             units = effect.get("units", {})
             values = (f"{name} = {words.quantity(value, units.get(name, '1'))}" for name, value in effect["params"].items())

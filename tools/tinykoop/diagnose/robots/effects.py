@@ -22,6 +22,11 @@ def _of_c(platform):
     return [(name, block, [tuple(p) for p in rows], formulas[name]) for name, (block, rows) in bridge.effects(platform).items()]
 
 
+def _forms(platform):
+    """{form: the effect as which it is reported}."""
+    return {name: reported for name, (_, reported) in bridge.families(platform).items() if reported != name}
+
+
 def _unit_log(robot):
     """A log in which every signal reaches from -1 to 1, for sizes relative to that."""
     t = np.arange(200) * 0.01
@@ -50,3 +55,5 @@ def run(robot, log_file=None):
         note = "Sizes are those for signals that reach from -1 to 1, every 0.01 s; with --log LOG.csv they are those of your log."
     print_table(f"Effects of {found.name if own else robot}", HEADERS, rows, note)
     print_terms("Formulas", {name: formula for name, formula in formulas.items() if formula})
+    if not own and (forms := _forms(robot)):
+        print_terms("Forms of other effects, under whose names they are reported", forms)

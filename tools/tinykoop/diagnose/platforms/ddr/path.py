@@ -8,12 +8,13 @@ from ...prediction_errors import path
 from ...prediction_errors.fit import Effect
 from ...robot import Parameter
 from . import features
+from .starts import starts
 
 name = "ddr"
-CURVES = ("pacejka_slip", "stribeck_friction")
+CURVES = ("pacejka_slip", "slip_general", "slip_saturating", "stribeck_friction", "friction_general")
+THRESHOLDS = ("saturation", "wheel_saturation", "acceleration_limit", "dead_band", "wheel_dead_band", "backlash")
 LINEAR = ("speed_gain", "battery_sag", "yaw_gain", "wheel_asymmetry", "yaw_bias", "lateral_skid", "world_drift", "sensor_lever_arm",
           "heading_bias")  # fmt: skip
-RAYS = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)
 # Noise is measured, not fitted.
 # What together looks like something that is no effect here: then they are never sure.
 LOOKALIKES = {frozenset(("actuator_lag", "transport_delay")): "actuators of second order"}
@@ -34,51 +35,16 @@ FINEST = np.array([1e-6, 1e-6, 1e-6])
 KEPT = 3.2e7  # bytes of steps that are not worked out again
 
 
-def _inside(params, spec):
-    return tuple(float(min(max(v, p.low), p.high)) for v, p in zip(params, spec))
-
-
-def _limits(u, quantiles):
-    """Both at once and each alone, at quantiles of the commands' sizes."""
-    out, moving = [], (np.abs(c)[np.abs(c) > 1e-9] for c in u.T)
-    for size in zip(*(np.quantile(a, quantiles) if len(a) else np.zeros(len(quantiles)) for a in moving)):
-        out += [v for v in ((size[0], size[1]), (size[0], 0.0), (0.0, size[1])) if max(v) > 1e-6]
-    return out
-
-
-def _starts(name, spec, u):
-    usual = np.array([p.usual for p in spec])
-    if name == "saturation":
-        return _limits(u, (0.97, 0.9, 0.75, 0.5, 0.3))
-    if name == "dead_band":
-        return _limits(u, (0.05, 0.12, 0.2, 0.3, 0.45))
-    if name in LINEAR:
-        return list(np.diag(usual))
-    if name == "pacejka_slip":
-        return [usual * (1, 1, s, 1, 1) for s in (0.3, 1.0, 3.0)]
-    if name == "stribeck_friction":
-        return [usual * s for s in (0.3, 1.0, 1.6)]
-    signs = (1, -1) if spec[0].low < 0 else (1,)
-    return [usual * s * r for s in signs for r in RAYS]
-
-
 def effects(u):
     """{name: Effect} in the order of action, for commands u (K, 2)."""
-    found = {}
+    found, formulas, families = {}, bridge.formulas(), bridge.families()
     for key, (block, rows) in bridge.effects().items():
         spec = tuple(Parameter(*row) for row in rows)
         if key not in NOT_FITTED:
-            starts = tuple(dict.fromkeys(_inside(start, spec) for start in _starts(key, spec, u)))
-            found[key] = Effect(
-                key,
-                block,
-                spec,
-                starts,
-                key in LINEAR,
-                key in ("saturation", "dead_band", "backlash"),
-                key in CURVES,
-                formula=bridge.formulas()[key],
-            )
+            family, reported = families[key]
+            begin = starts(key, spec, u, key in LINEAR)
+            marks = {"linear": key in LINEAR, "threshold": key in THRESHOLDS, "curve": key in CURVES}
+            found[key] = Effect(key, block, spec, begin, **marks, formula=formulas[key], family=family, form_of=reported)
     return found
 
 
@@ -115,7 +81,7 @@ class Path(path.Path):
         self._made_by, self._most = (log, without, variant, base), most
         self.log, self.dt, self.variant, self.base = log, log.dt, variant, tuple(base)
         self.u = log.u if len(log.u) == len(log.x) else np.vstack([log.u, log.u[-1:]])
-        self.effects = {key: effect for key, effect in effects(self.u).items() if key not in without}
+        self.effects = {key: effect for key, effect in effects(self.u).items() if not {key, effect.reported_as} & set(without)}
         self.rows = _stretches(len(log.x), most)
         self.t = self.rows * log.dt
         usable = np.append(log.usable, False)[self.rows]

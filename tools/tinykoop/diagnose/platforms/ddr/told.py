@@ -23,6 +23,24 @@ def _limits(p):
     return f"the robot cannot {listed(cut, 'nor')}" if cut else "speed and turning are cut at a limit"
 
 
+def _rates(p):
+    cut = [
+        f"{what} changes by {quantity(p[key], unit)} at most"
+        for key, unit, what in (("a", "m/s2", "its speed"), ("alpha", "rad/s2", "its yaw rate"))
+        if p[key]
+    ]
+    return f"the robot accelerates slowly: {listed(cut)}" if cut else "acceleration is limited"
+
+
+def _play(p):
+    lost = [
+        f"{quantity(2 * real(p[key]), unit)} of {what}"
+        for key, unit, what in (("half_angle", "rad", "turning"), ("half_way", "m", "the way"))
+        if p[key]
+    ]
+    return f"play in the drive swallows {listed(lost)} at every reversal" if lost else "the drive has play"
+
+
 def _offset(p):
     ahead = f"{length(abs(p['lx']))} {signed(p['lx'], 'ahead of', 'behind')}"
     return f"the position is measured {ahead} and {length(abs(p['ly']))} to the {signed(p['ly'], 'left', 'right')} of the robot's centre"
@@ -39,15 +57,39 @@ PHRASES = {
     "transport_delay": lambda p: f"commands act {quantity(p['delay'], 's')} late",
     "dead_band": lambda p: f"commands below {quantity(p['v_db'], 'm/s')} and {quantity(p['w_db'], 'rad/s')} do nothing",
     "saturation": _limits,
+    "saturation_soft": lambda p: f"{_limits(p)}, and approaches that limit smoothly",
+    "wheel_saturation": lambda p: f"no wheel turns faster than {quantity(p['rim'], 'm/s')} at its rim, so fast bends are slower and wider",
+    "dead_zone_shifted": lambda p: (
+        f"commands below {quantity(p['v_db'], 'm/s')} and {quantity(p['w_db'], 'rad/s')} do nothing, and larger ones lose as much"
+    ),
+    "wheel_dead_band": lambda p: f"a wheel commanded below {quantity(p['rim'], 'm/s')} at its rim stands still",
+    "backlash_angle": _play,
+    "acceleration_limit": _rates,
+    "speed_lag": lambda p: f"the speed follows its command sluggishly, with a time constant of {quantity(p['tau'], 's')}",
+    "yaw_lag": lambda p: f"turning follows its command sluggishly, with a time constant of {quantity(p['tau'], 's')}",
+    "second_order_lag": lambda p: (
+        f"speed and turning follow their commands as a second-order system, with a time constant of {quantity(p['tau'], 's')} and a "
+        f"damping ratio of {quantity(p['zeta'], '1')}"
+    ),
     "backlash": lambda p: f"play of {quantity(p['half_width'], 'rad/s')} to either side holds the yaw rate back at every reversal",
     "battery_sag": lambda p: f"the robot gets slower over the log, by {percent_of(p['loss_at_end'])} at the end",
     "clock_scale": lambda p: f"a logged second lasts {quantity(1 + real(p['kappa']), 's')}",
     "pacejka_slip": lambda p: f"the wheels slip in fast bends (peak D = {quantity(p['D'], '1')}, sideways {quantity(p['lat'], '1')})",
+    "slip_general": lambda p: (
+        f"the wheels slip in fast bends: up to {percent_of(p['v_loss'])} of the speed and {percent_of(p['w_loss'])} of the yaw rate are lost"
+    ),
+    "slip_saturating": lambda p: f"the wheels slip in fast bends: up to {percent_of(p['loss'])} of speed and yaw rate are lost",
     "lateral_skid": lambda p: (
         f"in bends the robot slides {signed(p['k'], 'inwards', 'outwards')}, at {quantity(abs(p['k']), 's')} times v omega"
     ),
     "stribeck_friction": lambda p: (
         f"friction takes {percent_of(p['Fs'])} of the speed near standstill and {percent_of(p['Fc'])} and more in motion"
+    ),
+    "friction_coulomb": lambda p: (
+        f"dry friction takes {quantity(p['c_v'], 'm/s')} from the speed and {quantity(p['c_w'], 'rad/s')} from the yaw rate, however fast"
+    ),
+    "friction_general": lambda p: (
+        f"friction takes {percent_of(p['still'])} of the speed near standstill and {percent_of(p['moving'])} at high speed"
     ),
     "world_drift": lambda p: (
         f"something carries the robot along, at {quantity(p['wx'], 'm/s')} in x and {quantity(p['wy'], 'm/s')} in y"

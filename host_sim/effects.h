@@ -92,8 +92,8 @@ double shrunk(double value, double dead);
 /* The speeds of the two wheels at the rim, a track apart, each changed by act(rim speed, limit). Without a
  * track both wheels have the speed of the robot. */
 void change_wheels(double (*act)(double rim, double limit), double limit, double track, tk_signal *signal);
-/* Speed and yaw rate lose the shares v_loss and w_loss of themselves, and the robot slides by the share `lateral`
- * of the commanded speed, towards the inside of the bend. */
+/* Speed and yaw rate lose the shares v_loss and w_loss of themselves, and the robot slides by the share
+ * `lateral` of the commanded speed, towards the inside of the bend. */
 void slip_by(double v_loss, double w_loss, double lateral, tk_signal *signal);
 
 #endif

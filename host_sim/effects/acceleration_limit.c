@@ -1,4 +1,5 @@
-/* Speed and yaw rate go to their commands at a limited rate: a in speed, alpha in yaw rate; zero means no limit.
+/* Speed and yaw rate go to their commands at a limited rate: a in speed, alpha in yaw rate; zero means no
+ * limit.
  *
  * What drives the robot during a step is the mean over the step, exact for a
  * command that is held. The limit sets in settled on the first command. */

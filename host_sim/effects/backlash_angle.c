@@ -1,5 +1,5 @@
-/* Play in the drive as an angle of the heading, and as a way: the motor turns through the play before it moves
- * the body, so at every reversal a part of the turn, or of the way, is lost.
+/* Play in the drive as an angle of the heading, and as a way: the motor turns through the play before it
+ * moves the body, so at every reversal a part of the turn, or of the way, is lost.
  *
  * The play sets in taken up in the direction of the first command; in its middle if that is zero. */
 #include <math.h>
@@ -27,7 +27,8 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect backlash_angle = {
     .name = "backlash_angle",
-    .formula = "heading follows the integral of omega only while they differ by half_angle, way that of v only by half_way",
+    .formula = "heading follows the integral of omega only while they differ by half_angle, way that of v "
+               "only by half_way",
     .family = "backlash",
     .reported_as = "backlash",
     .block = TK_ACTUATOR,

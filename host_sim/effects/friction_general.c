@@ -1,6 +1,6 @@
-/* Friction by any monotone curve: each velocity loses a share of itself, which goes from `still` near standstill to
- * `moving` at speed. Around the speed v0 it changes, faster or slower by n. The yaw rate loses `yaw` times as much
- * as a speed of the same number would. */
+/* Friction by any monotone curve: each velocity loses a share of itself, which goes from `still` near
+ * standstill to `moving` at speed. Around the speed v0 it changes, faster or slower by n. The yaw rate loses
+ * `yaw` times as much as a speed of the same number would. */
 #include <math.h>
 
 #include "effects.h"
@@ -21,7 +21,8 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect friction_general = {
     .name = "friction_general",
-    .formula = "v -> v (1 - mu(v)), omega -> omega (1 - min(yaw mu(omega), 1)); mu(x) = moving + (still - moving) exp(-(|x| / v0)^n)",
+    .formula = "v -> v (1 - mu(v)), omega -> omega (1 - min(yaw mu(omega), 1)); mu(x) = moving + (still - "
+               "moving) exp(-(|x| / v0)^n)",
     .family = "friction",
     .reported_as = "stribeck_friction",
     .block = TK_PLANT,

@@ -20,11 +20,14 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect saturation_soft = {
     .name = "saturation_soft",
-    .formula = "u -> u / (1 + |u / u_max|^sharpness)^(1 / sharpness), for v and omega; v_max, w_max = 0: no limit",
+    .formula =
+        "u -> u / (1 + |u / u_max|^sharpness)^(1 / sharpness), for v and omega; v_max, w_max = 0: no limit",
     .family = "saturation",
     .reported_as = "saturation",
     .block = TK_ACTUATOR,
     .n_parameters = 3,
-    .parameters = {{"v_max", "m/s", 0, 10, 1.5}, {"w_max", "rad/s", 0, 10, 0.5}, {"sharpness", "1", 0, 20, 4}},
+    .parameters = {{"v_max", "m/s", 0, 10, 1.5},
+                   {"w_max", "rad/s", 0, 10, 0.5},
+                   {"sharpness", "1", 0, 20, 4}},
     .apply = apply,
 };

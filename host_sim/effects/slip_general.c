@@ -1,5 +1,6 @@
-/* Wheel slip by any monotone curve: the loss grows with the load |v omega| from none to all of its share, faster
- * or slower by n, around the load s0. Speed, yaw rate and sideways velocity have shares of their own. */
+/* Wheel slip by any monotone curve: the loss grows with the load |v omega| from none to all of its share,
+ * faster or slower by n, around the load s0. Speed, yaw rate and sideways velocity have shares of their own.
+ */
 #include <math.h>
 
 #include "effects.h"
@@ -21,7 +22,8 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect slip_general = {
     .name = "slip_general",
-    .formula = "v -> v (1 - v_loss l), omega -> omega (1 - w_loss l), sideways velocity = lateral v l sign(omega); l = 1 - exp(-(|v omega| / s0)^n)",
+    .formula = "v -> v (1 - v_loss l), omega -> omega (1 - w_loss l), sideways velocity = lateral v l "
+               "sign(omega); l = 1 - exp(-(|v omega| / s0)^n)",
     .family = "slip",
     .reported_as = "pacejka_slip",
     .block = TK_PLANT,

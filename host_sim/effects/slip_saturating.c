@@ -1,4 +1,5 @@
-/* Wheel slip by few numbers: speed and yaw rate lose the same share, which saturates with the load |v omega|. */
+/* Wheel slip by few numbers: speed and yaw rate lose the same share, which saturates with the load |v omega|.
+ */
 #include <math.h>
 
 #include "effects.h"
@@ -13,7 +14,8 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect slip_saturating = {
     .name = "slip_saturating",
-    .formula = "v -> v (1 - loss l), omega -> omega (1 - loss l), sideways velocity = lateral v l sign(omega); l = 1 - exp(-|v omega| / s0)",
+    .formula = "v -> v (1 - loss l), omega -> omega (1 - loss l), sideways velocity = lateral v l "
+               "sign(omega); l = 1 - exp(-|v omega| / s0)",
     .family = "slip",
     .reported_as = "pacejka_slip",
     .block = TK_PLANT,

@@ -1,4 +1,5 @@
-/* Each wheel is cut at a speed of its rim, in both directions: a fast bend gets wider and slower. Zero means no limit. */
+/* Each wheel is cut at a speed of its rim, in both directions: a fast bend gets wider and slower. Zero means
+ * no limit. */
 #include <math.h>
 
 #include "effects.h"

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 
 def _others(states, state, i):
-    """Effects of the family of cause i that may stand in its place, as a cause or beside the others."""
+    """Effects of the family of cause i that may act instead of it."""
     effects, cause = states.path.effects, state.causes[i]
     free = replace(state.fit, causes=state.causes[:i] + state.causes[i + 1 :]).lacks(effects)
     return [e for e in free.values() if e.kin == effects[cause.name].kin and e.name != cause.name and not e.transient]
 
 
 def _begun(fitter, causes, i, effect):
-    """Causes with an effect in the place of cause i, at the best of its starts."""
+    """Causes with an effect instead of cause i, at the best of its starts."""
     trials = [(*causes[:i], replace(causes[i], name=effect.name, params=start), *causes[i + 1 :]) for start in effect.starts]
     costs = (fitter.lefts(trials) ** 2).sum(0) + [fitter.guesses(trial) for trial in trials]
     return trials[int(costs.argmin())]

@@ -85,8 +85,8 @@ def _pair(search, fit, rivals, name):
         return []
     mine = effects[name].reported_as
     second = next((c for _, c in search.candidates(first) if effects[c.name].reported_as != mine), None)
-    if second is None:
-        return []
+    if second is None or effects[second.name].kin == effects[name].kin == effects[first.names[-1]].kin:
+        return []  # as of lags: one on both axes is two, one on each
     both = search.fitter.refine(search.fitter.fit_of((*first.causes, second)))
     return [effects[c.name].reported_as for c in both.causes[-2:]] if both.cost - fit.cost < search.price else []
 

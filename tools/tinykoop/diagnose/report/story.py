@@ -230,6 +230,7 @@ class Teller:
         for effect in effects:
             for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect)):
                 confidence = percent(effect["confidence"]) if effect["name"] in sure else "-"
+                remarks = [f"form: {self.title(effect['form'])}", *remarks] if i == 0 and "form" in effect else remarks
                 first = (self.title(effect["name"]), confidence, self.acts(effect)) if i == 0 else ("", "", "")
                 rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
         return rows

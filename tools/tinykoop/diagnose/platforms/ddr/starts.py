@@ -30,12 +30,12 @@ def _few_limits(u, both, each):
 
 
 def _rims(u, quantiles, outer, usual):
-    """Speeds of the rims, of the faster wheel if `outer`, with the usual track; and at the second quantile with a wide one."""
+    """At quantiles of the speeds of the rims, or of the faster wheel if `outer`, with the usual track and with a wide one."""
     out = []
-    for track, some in ((usual[1], quantiles), (WIDE, quantiles[1:2])):
+    for track in (usual[1], WIDE):
         rims = np.abs(np.stack([u[:, 0] - u[:, 1] * track / 2, u[:, 0] + u[:, 1] * track / 2], 1))
         speeds = rims.max(1) if outer else rims.ravel()
-        out += [(size, track) for (size,) in _quantiles([speeds], some) if size > 1e-6]
+        out += [(size, track) for (size,) in _quantiles([speeds], quantiles) if size > 1e-6]
     return out
 
 
@@ -71,7 +71,7 @@ def _own(name, usual, u):
         case "saturation_soft":
             return [(*size, usual[2]) for size in _few_limits(u, (0.95, 0.6), 0.75)]
         case "wheel_saturation":
-            return _rims(u, (0.95, 0.8, 0.5), True, usual)
+            return _rims(u, (0.9, 0.65), True, usual)
         case "acceleration_limit":
             return _rates(u)
         case "dead_band":
@@ -79,7 +79,7 @@ def _own(name, usual, u):
         case "dead_zone_shifted":
             return _few_limits(u, (0.05, 0.2), 0.12)
         case "wheel_dead_band":
-            return _rims(u, (0.08, 0.2, 0.35), False, usual)
+            return _rims(u, (0.1, 0.3), False, usual)
         case "pacejka_slip":
             return [usual * (1, 1, s, 1, 1) for s in (0.3, 1.0, 3.0)]
         case "slip_general":

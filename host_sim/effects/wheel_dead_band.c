@@ -23,10 +23,10 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect wheel_dead_band = {
     .name = "wheel_dead_band",
-    .formula = "wheel speed r = v -+ omega track / 2; r = 0 if |r| < rim",
+    .formula = "wheel speed r = v -+ omega track / 2; r = 0 if |r| < v_db",
     .family = "dead_band",
     .block = TK_ACTUATOR,
     .n_parameters = 2,
-    .parameters = {{"rim", "m/s", 0, 10, 0.2}, {"track", "m", 0, 2.5, 0.5}},
+    .parameters = {{"v_db", "m/s", 0, 10, 0.2}, {"track", "m", 0, 2.5, 0.5}},
     .apply = apply,
 };

@@ -15,10 +15,10 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 
 const tk_effect wheel_saturation = {
     .name = "wheel_saturation",
-    .formula = "wheel speed r = v -+ omega track / 2; |r| <= rim; rim = 0: no limit",
+    .formula = "wheel speed r = v -+ omega track / 2; |r| <= v_max; v_max = 0: no limit",
     .family = "saturation",
     .block = TK_ACTUATOR,
     .n_parameters = 2,
-    .parameters = {{"rim", "m/s", 0, 10, 1.2}, {"track", "m", 0, 2.5, 0.5}},
+    .parameters = {{"v_max", "m/s", 0, 10, 1.2}, {"track", "m", 0, 2.5, 0.5}},
     .apply = apply,
 };

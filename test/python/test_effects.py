@@ -21,9 +21,9 @@ CONTRACT = {
     "transport_delay": {"delay": "s"},
     "acceleration_limit": {"a": "m/s2", "alpha": "rad/s2"},
     "dead_band": {"v_db": "m/s", "w_db": "rad/s"},
-    "wheel_dead_band": {"rim": "m/s", "track": "m"},
+    "wheel_dead_band": {"v_db": "m/s", "track": "m"},
     "saturation": {"v_max": "m/s", "w_max": "rad/s"},
-    "wheel_saturation": {"rim": "m/s", "track": "m"},
+    "wheel_saturation": {"v_max": "m/s", "track": "m"},
     "pacejka_slip": {"B": "1", "C": "1", "D": "1", "E": "1", "lat": "1"},
     "lateral_skid": {"k": "s"},
     "stribeck_friction": {"Fs": "1", "Fc": "1", "Fv": "s/m", "vs": "m/s"},
@@ -47,7 +47,7 @@ FORMS = {
     },
     "stribeck_friction": {
         "friction_coulomb": {"c_v": "m/s", "c_w": "rad/s"},
-        "friction_general": {"still": "1", "moving": "1", "v0": "m/s", "n": "1", "yaw": "1"},
+        "friction_general": {"moving": "1", "extra": "1", "v0": "m/s", "n": "1", "yaw": "1"},
     },
 }
 VOCABULARY = CONTRACT | {name: units for forms in FORMS.values() for name, units in forms.items()}
@@ -158,9 +158,9 @@ def played_way(w, half, dt):
     return np.diff(played(way, half, begin), prepend=begin) / dt
 
 
-def falling(still, moving, v0, n, v):
+def falling(moving, extra, v0, n, v):
     """From one plateau to another, half-way where (v / v0)^n = log 2."""
-    return moving + (still - moving) / np.exp((np.abs(v) / v0) ** n)
+    return np.minimum(moving + extra / np.exp((np.abs(v) / v0) ** n), 1)
 
 
 def friction(Fs, Fc, Fv, vs, v):

@@ -58,11 +58,11 @@ PHRASES = {
     "dead_band": lambda p: f"commands below {quantity(p['v_db'], 'm/s')} and {quantity(p['w_db'], 'rad/s')} do nothing",
     "saturation": _limits,
     "saturation_soft": lambda p: f"{_limits(p)}, and approaches that limit smoothly",
-    "wheel_saturation": lambda p: f"no wheel turns faster than {quantity(p['rim'], 'm/s')} at its rim, so fast bends are slower and wider",
+    "wheel_saturation": lambda p: f"no wheel turns faster than {quantity(p['v_max'], 'm/s')} at its rim, so fast bends are slower and wider",
     "dead_zone_shifted": lambda p: (
         f"commands below {quantity(p['v_db'], 'm/s')} and {quantity(p['w_db'], 'rad/s')} do nothing, and larger ones lose as much"
     ),
-    "wheel_dead_band": lambda p: f"a wheel commanded below {quantity(p['rim'], 'm/s')} at its rim stands still",
+    "wheel_dead_band": lambda p: f"a wheel commanded below {quantity(p['v_db'], 'm/s')} at its rim stands still",
     "backlash_angle": _play,
     "acceleration_limit": _rates,
     "speed_lag": lambda p: f"the speed follows its command sluggishly, with a time constant of {quantity(p['tau'], 's')}",
@@ -89,7 +89,7 @@ PHRASES = {
         f"dry friction takes {quantity(p['c_v'], 'm/s')} from the speed and {quantity(p['c_w'], 'rad/s')} from the yaw rate, however fast"
     ),
     "friction_general": lambda p: (
-        f"friction takes {percent_of(p['still'])} of the speed near standstill and {percent_of(p['moving'])} at high speed"
+        f"friction takes {percent_of(p['moving'] + p['extra'])} of the speed near standstill and {percent_of(p['moving'])} at high speed"
     ),
     "world_drift": lambda p: (
         f"something carries the robot along, at {quantity(p['wx'], 'm/s')} in x and {quantity(p['wy'], 'm/s')} in y"

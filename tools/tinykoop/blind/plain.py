@@ -60,11 +60,14 @@ def yaw_lag(m, tau):
 
 
 def ramp(u, most):
-    """u with a change of at most `most` (a number or one for each part) between neighbouring parts."""
+    """u with a change of at most `most` (a number or one for each part) in a part, as its mean over each part."""
     out, at = np.empty_like(u), u[0]
     for i, (command, step) in enumerate(zip(u.tolist(), np.broadcast_to(most, u.shape).tolist())):
-        at += min(max(command - at, -step), step)
-        out[i] = at
+        way = command - at
+        moved = min(max(way, -step), step)
+        share = min(abs(way) / step, 1.0)  # of the part, for which it moves
+        out[i] = at + moved * (1 - share / 2)
+        at += moved
     return out
 
 

@@ -4,7 +4,7 @@ from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Mpc, Solution
 from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, simulate, windows
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
-from .logs import Log, read_log, write_log
+from .logs import Log, read_columns, read_log, write_log
 from .sizes import storage
 from .unmodelled import Effect, effects, families, formulas, usual_effect
 
@@ -12,5 +12,5 @@ __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
     "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
-    "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
+    "read_columns", "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 import ctypes as ct
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ class Log:
     """A log: times (s), states and commands (SI units), and the step of time.
 
     usable[k] is true if the transition from row k to row k + 1 is neither masked nor across a gap.
+    extra: {column: (K,)} of optional columns, NaN where one has no finite number.
     """
 
     t: np.ndarray  # (K,) s
@@ -23,6 +24,7 @@ class Log:
     u: np.ndarray  # (K, m)
     usable: np.ndarray  # (K - 1,) bool
     dt: float  # s
+    extra: dict = field(default_factory=dict)
 
 
 def read_log(path, platform="ddr"):
@@ -41,6 +43,26 @@ def read_log(path, platform="ddr"):
         return Log(t, x, u, usable.astype(bool), raw("tk_log_dt", handle))
     finally:
         raw("tk_log_free", handle)
+
+
+def read_columns(path, names):
+    """{name: (K,)} of those of the named columns that a CSV log has; NaN where there is no finite number.
+
+    For a log that read_log() accepts: it has checked the rows, and it does not look at these columns.
+    """
+    with open(path, encoding="utf-8-sig", errors="replace", newline="\n") as file:
+        header = [name.strip() for name in file.readline().split(",")]
+        at = {name: header.index(name) for name in names if name in header}
+        rows = [line.split(",") for line in file if line.strip("\r\n")] if at else []
+    return {name: np.array([_number(row[i]) for row in rows]) for name, i in at.items()}
+
+
+def _number(text):
+    try:
+        value = float(text)
+    except ValueError:
+        return np.nan
+    return value if np.isfinite(value) else np.nan
 
 
 def write_log(path, x, u, dt, platform="ddr"):

@@ -66,5 +66,8 @@ def in_log_time(report, t0):
     """The report with segments in the log's own time, which need not begin at zero."""
     shift = lambda segments: [[a + t0, b + t0, *share] for a, b, *share in segments]  # noqa: E731
     kinds = [kind for kind in ("effects", "best_fit", "small") if kind in report]
-    shifted = {kind: [effect | {"segments": shift(effect["segments"])} for effect in report[kind]] for kind in kinds}
-    return report | shifted | {"where": report["where"] | {"segments": shift(report["where"]["segments"])}}
+    moved = lambda effects: [effect | {"segments": shift(effect["segments"])} for effect in effects]  # noqa: E731
+    where = report["where"] | {"segments": shift(report["where"]["segments"])}
+    if "links" in where:
+        where["links"] = [link | {"effects": moved(link["effects"])} for link in where["links"]]
+    return report | {kind: moved(report[kind]) for kind in kinds} | {"where": where}

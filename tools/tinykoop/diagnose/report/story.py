@@ -228,11 +228,11 @@ class Teller:
         """One row per parameter. An effect that is not established has no confidence."""
         rows, sure = [], [effect["name"] for effect in self.effects]
         for effect in effects:
-            for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect)):
+            for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect) or [("", "-", "-", ())]):
                 confidence = percent(effect["confidence"]) if effect["name"] in sure else "-"
                 remarks = [f"form: {self.title(effect['form'])}", *remarks] if i == 0 and "form" in effect else remarks
                 first = (self.title(effect["name"]), confidence, self.acts(effect)) if i == 0 else ("", "", "")
-                rows.append((first[0], f"{name} = {value}", bounds, first[1], first[2], ", ".join(remarks)))
+                rows.append((first[0], f"{name} = {value}" if name else "-", bounds, first[1], first[2], ", ".join(remarks)))
         return rows
 
     # ---- verdict -------------------------------------------------------------------------------------

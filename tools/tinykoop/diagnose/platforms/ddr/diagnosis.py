@@ -10,7 +10,7 @@ from ...prediction_errors.answer import answer
 from ...prediction_errors.fit import ALWAYS
 from ...prediction_errors.search import Search
 from ...robot import check_effects
-from . import advise, where
+from . import advise, links, odometry, standing, where
 from .path import Path, name
 from .path import effects as library
 
@@ -21,6 +21,7 @@ SAME_RATE = 0.02  # by which logs of one robot may differ in their step of time
 def load(path):
     """A log that is long enough to say something about."""
     log = bridge.read_log(path, name)
+    log.extra = bridge.read_columns(path, odometry.COLUMNS)
     if log.usable.sum() < FEWEST_ROWS:
         raise UserError(f"{path}: {int(log.usable.sum())} usable transitions are too few for a diagnosis; record {FEWEST_ROWS} at least")
     if _longest(log.usable) < FEWEST:
@@ -58,8 +59,12 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
 
     fresh: another log of the robot, on which nothing is fitted; healthy: logs of the healthy robot, from which on a change counts.
     """
+    speeds, ignored = odometry.read(log)
+    check_effects(without, (*library(log.u), standing.EFFECT))
+    dead = None if standing.EFFECT in without else links.dead(log, speeds)
+    if dead:
+        return standing.diagnosis(log, dead, speeds)
     path = Path(log, without, base=_healthy(healthy, log))
-    check_effects(without, library(path.u))
     found = answer(path)
     pairs, hidden = open_questions(found)
     advice = advise.advise(path, found.fitter, pairs, hidden)
@@ -74,6 +79,11 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
         report["ranking"].insert(0, {"name": "measurement_noise", "score": 1.0})
     if len(path.rows) < len(log.x):
         report["log"]["searched_rows"] = len(path.rows)
+    if speeds:
+        report["where"]["links"] = links.diagnosed(found, speeds)
+        report["effects"] = links.tagged(report["effects"], report["where"]["links"])
+    if ignored:
+        report["log"]["ignored"] = ignored
     result = Diagnosis(report, found, {"drive": advice[2] if advice else None})
     if fresh is not None:
         check_on_fresh(result, Path(fresh, variant=path.variant, base=path.base))

@@ -49,7 +49,7 @@ def effects(u):
 
 
 def _stretches(K, most):
-    """Rows of a log that are looked at: all, or of a long one stretches evenly spread."""
+    """Rows of a log that are looked at: all, or of a long one stretches evenly spread, of so many rows together."""
     if K <= most:
         return np.arange(K)
     firsts = np.linspace(0, K - STRETCH, most // STRETCH).astype(int)
@@ -74,15 +74,16 @@ class Path(path.Path):
     C = np.eye(3)
     lookalikes = LOOKALIKES
     command_names = ("v", "omega")
+    most = MOST
     variants = tuple(title for title, _ in VARIANTS)
     motions = ("at any speed", "in proportion to the commanded speed")
 
-    def __init__(self, log, without=(), variant=0, base=(), most=MOST):
-        self._made_by, self._most = (log, without, variant, base), most
-        self.log, self.dt, self.variant, self.base = log, log.dt, variant, tuple(base)
+    def __init__(self, log, without=(), variant=0, base=(), most=None):
+        self._made_by = log, without, variant, base
+        self.log, self.dt, self.variant, self.base, self.asked = log, log.dt, variant, tuple(base), 0
         self.u = log.u if len(log.u) == len(log.x) else np.vstack([log.u, log.u[-1:]])
         self.effects = {key: effect for key, effect in effects(self.u).items() if not {key, effect.reported_as} & set(without)}
-        self.rows = _stretches(len(log.x), most)
+        self.rows = _stretches(len(log.x), most or self.most)
         self.t = self.rows * log.dt
         usable = np.append(log.usable, False)[self.rows]
         self.begins = np.concatenate([[True], (np.diff(self.rows) != 1) | ~usable[:-1]]).astype(np.int32)
@@ -161,6 +162,7 @@ class Path(path.Path):
 
     def steps(self, trials):
         """What one step with each trial's causes ends beside the path (K, 3, trials), and by how much it misses poses (K, 3, trials)."""
+        self.asked += len(trials) * len(self.rows)
         return np.stack([self._beside(causes) for causes in trials], -1), np.repeat(self.E[..., None], len(trials), -1)
 
     def seen_from(self, starts, ends, deviations):
@@ -201,7 +203,7 @@ class Path(path.Path):
 
     def predicted(self, causes, starts, steps):
         """(poses (S, H, 3), measured less predicted (S, H, 3)) so many steps after rows of the log."""
-        rollouts = bridge.Rollouts(self.log.x, self.u, self.dt, starts, steps, self.log.usable, VARIANTS[self.variant][1])
+        rollouts = bridge.Rollouts(self.log.x, self.u, self.dt, starts, steps, self.log.usable, self.integrator)
         return tuple(values.copy() for values in rollouts.predict(self._active(causes)))
 
     def smallest_of(self, gap, noise, rows=50):

@@ -7,7 +7,8 @@ from ...prediction_errors.ahead import HORIZONS
 from ...report import figures, words
 from ...report.figures import WIDTH, Panel, extent
 from ...report.story import Section, Teller
-from ...report.words import angle, length, listed, percent_of, quantity, real, signed
+from ...report.words import angle, capital, length, listed, percent_of, quantity, real, signed
+from . import told_links
 
 MOST_POINTS, MOST_DRAWN = 1500, 100  # of a path, and predictions: more are not seen
 ZOOMS = 3
@@ -103,6 +104,25 @@ class Drive(Teller):
     phrases = PHRASES
     experiment = "What to drive next"
 
+    # ---- links ---------------------------------------------------------------------------------------
+
+    def phrase(self, effect):
+        return told_links.DEAD[effect["link"]] if effect is told_links.dead(self.report) else super().phrase(effect)
+
+    def sentence(self):
+        effect = told_links.dead(self.report)
+        return f"{capital(self.phrase(effect))} ({self.title(effect['name'])})." if effect else super().sentence()
+
+    def asides(self):
+        effect = told_links.dead(self.report)
+        return [told_links.motion(effect)] if effect else [*super().asides(), *told_links.sentences(self)]
+
+    def next_step(self):
+        return "Next: correct this, and record the log again." if told_links.dead(self.report) else super().next_step()
+
+    def where(self):
+        return told_links.added(self, super().where())
+
     # ---- predictions beside the path -----------------------------------------------------------------
 
     def predictions(self):
@@ -188,8 +208,8 @@ def predicted(result):
     starts = np.concatenate([np.arange(a, b - steps + 1, steps) for a, b in runs])
     rows = starts[:, None] + np.arange(steps + 1)
     out = []
-    for causes in ((), result.fit.causes):
-        poses, _ = result.path.predicted(causes, starts, np.arange(1, steps + 1))
+    for path, causes in ((result.path, ()), (result.more.get("after", result.path), result.fit.causes)):
+        poses, _ = path.predicted(causes, starts, np.arange(1, steps + 1))
         out.append(np.concatenate([log.x[starts][:, None, :2], poses[..., :2]], axis=1))
     return rows, *out
 

@@ -1,0 +1,163 @@
+"""The links of a drive: from command to wheel, from wheel to ground, from gyro to heading.
+
+Each is a log of its own, with the speeds that go in as commands and the motion that comes out as pose, and is diagnosed as one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .... import bridge
+from ...diagnosis import effects, gaps, noise
+from ...prediction_errors import ahead
+from ...prediction_errors.answer import answer
+from . import odometry, traction
+from .path import Path
+
+WHEEL, GROUND, HEADING, WHOLE = "command to wheel", "wheel to ground", "gyro to heading", "command to ground"
+GEOMETRY = ("speed_gain", "yaw_gain", "wheel_asymmetry", "yaw_bias")  # a wheel's size, the track, skid steering: at the wheels or below
+CLOCK = ("clock_scale",)  # odometry and commands count by one clock, the pose by another
+SCALE = ("yaw_gain", "yaw_bias")  # of a gyro
+TOLD = ("name", "params", "units", "params_ci95", "confidence", "at_bound", "segments")
+FINEST = 1e-4  # m, rad: odometry is never exact
+MOST = 3000  # rows of a link that are looked at
+PART, ENOUGH = (
+    0.3,
+    1_500_000,
+)  # of the steps that the search of the whole log asked for, and steps, which a link may ask for before its search ends
+
+
+@dataclass(frozen=True)
+class Link:
+    name: str
+    log: bridge.Log
+    effects: tuple  # names of those that can act here
+    gap: str  # what is compared
+
+    @property
+    def dead(self):
+        """Whether what comes out does not answer what goes in."""
+        return traction.dead(self.log, self.log.u)
+
+
+class LinkPath(Path):
+    """The path of a link: of its effects only, by the one rule of integration that its input was integrated by."""
+
+    finest = np.full(3, FINEST)
+    variants = ("as the drive",)
+    integrator = bridge.ARC
+    most = MOST
+
+    def __init__(self, link, integrator, asked=0):
+        self.integrator, self.budget = integrator, max(PART * asked, ENOUGH)
+        super().__init__(link.log, [name for name in bridge.effects() if name not in link.effects])
+        self.gaps = {link.gap: Path.gaps[link.gap]}
+
+    @property
+    def spent(self):
+        """A search of the links takes no longer than that of the whole log."""
+        return self.asked > self.budget
+
+
+def _of_block(*blocks):
+    return tuple(name for name, (block, _) in bridge.effects().items() if block in blocks)
+
+
+def of(log, speeds, gap="position", integrator=bridge.ARC):
+    """The Links of a log; speeds: of its wheels and its gyro, where they are known; gap: what is compared, if the link has it."""
+    found = []
+    if "wheels" in speeds:
+        wheels = speeds["wheels"]
+        turned = replace(log, x=odometry.integrated(log, wheels, integrator), usable=wheels.usable)
+        actuators = tuple(name for name in _of_block("actuator") if name not in CLOCK)
+        found.append(Link(WHEEL, turned, actuators, gap))
+        below = (*_of_block("plant", "sensor"), *GEOMETRY, *CLOCK)
+        found.append(Link(GROUND, replace(log, u=wheels.u, usable=wheels.usable), below, gap))
+    if "gyro" in speeds:
+        found.append(Link(HEADING, _on_the_spot(log, speeds["gyro"]), SCALE, "heading"))
+    return found
+
+
+def _on_the_spot(log, gyro):
+    """The log of a robot that turns as the heading shows and does not move."""
+    return replace(log, x=log.x * (0.0, 0.0, 1.0), u=gyro.u, usable=gyro.usable)
+
+
+def dead(log, speeds):
+    """The name of the first link in which nothing arrives, or None."""
+    wheel, ground, *_ = [*of(log, {"wheels": speeds["wheels"]} if "wheels" in speeds else {}), None, None]
+    if wheel is None:
+        return WHOLE if traction.dead(log, log.u) else None
+    if ground.dead:
+        return GROUND
+    return WHEEL if wheel.dead and traction.dead(log, log.u) else None
+
+
+def diagnosed(found, speeds):
+    """The `where.links` of the report, for the answer to the whole log."""
+    path = found.path
+    links = of(path.log, speeds, _main(found), path.integrator)
+    return [_of_link(link, path) | {"share": share} for link, share in zip(links, _shares(found, links))]
+
+
+def _main(found):
+    """The gap that the verdict is about."""
+    return next(name for name, (unit, _) in found.path.gaps.items() if unit == found.left.unit)
+
+
+def _of_link(link, whole):
+    """What the report says of a link; whole: the path of the whole log."""
+    path = LinkPath(link, whole.integrator, whole.asked)
+    own = answer(path)
+    gap = gaps(path, own.before, own.after, own.floor)["gap"]
+    named = [{key: effect[key] for key in TOLD} for effect in effects(own)]
+    return {"link": link.name, "verdict": own.verdict, "of": link.gap, "gap": gap, "effects": named, "noise": noise(path, own.state.noise)}
+
+
+# ---- shares --------------------------------------------------------------------------------------
+
+
+def _shares(found, links):
+    """Shares of the links.
+
+    A prediction by the commands misses the pose by what the wheels miss the commands, and what the pose misses the wheels: as vectors
+    in the axes of the pose that it begins at, these add up. The share of a link is the mean of its part times the whole, over
+    the mean square of the whole, both without the noise of the pose: shares of the links from command to ground add up to one.
+    """
+    path = found.path
+    out = []
+    for link in links:
+        axes, floor = list(Path.gaps[link.gap][1]), found.floor[link.gap]
+        whole, part = (_missed(log, path.rows[found.starts], path.integrator)[..., axes] for log in (path.log, link.log))
+        out.append(_share(whole, part, floor, link.name != WHEEL))
+    return out
+
+
+def _missed(log, rows, integrator):
+    """Measured less predicted (S, H, 3) by the speeds alone, in the axes of the poses in these rows."""
+    steps = np.minimum(ahead.HORIZONS, len(log.x) - 1)
+    return bridge.windows(log.x, log.u, log.dt, rows, steps, usable=log.usable, integrator=integrator)[1]
+
+
+def _share(whole, part, floor, has_pose):
+    """Of vectors (S, H, c), at the longest horizon that there is; None where the whole is about the noise."""
+    there = np.isfinite(whole).all(-1) & np.isfinite(part).all(-1)
+    if not there.any():
+        return None
+    h = int(np.flatnonzero(there.any(0)).max())
+    whole, part, least = whole[there[:, h], h], part[there[:, h], h], np.mean(floor[there[:, h], h] ** 2)
+    square = np.mean((whole**2).sum(-1))
+    if np.sqrt(square) < (1 + ahead.SHOWS) * np.sqrt(least):
+        return None
+    return float((np.mean((whole * part).sum(-1)) - has_pose * least) / (square - least))
+
+
+# ---- with the whole ------------------------------------------------------------------------------
+
+
+def tagged(effects, links):
+    """Effects of the whole log, each with the `link` in which the same one is found, of several that with the largest share."""
+    where = {}
+    for link in sorted(links, key=lambda link: link["share"] or 0.0):
+        where |= {effect["name"]: link["link"] for effect in link["effects"]}
+    return [effect | ({"link": where[effect["name"]]} if effect["name"] in where else {}) for effect in effects]

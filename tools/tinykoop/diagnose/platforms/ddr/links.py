@@ -19,7 +19,6 @@ GEOMETRY = ("speed_gain", "yaw_gain", "wheel_asymmetry", "yaw_bias")  # a wheel'
 CLOCK = ("clock_scale",)  # odometry and commands count by one clock, the pose by another
 SCALE = ("yaw_gain", "yaw_bias")  # of a gyro
 TOLD = ("name", "params", "units", "params_ci95", "confidence", "at_bound", "segments")
-FINEST = 1e-4  # m, rad: odometry is never exact
 MOST = 3000  # rows of a link that are looked at
 PART, ENOUGH = (
     0.3,
@@ -41,15 +40,17 @@ class Link:
 
 
 class LinkPath(Path):
-    """The path of a link: of its effects only, by the one rule of integration that its input was integrated by."""
+    """The path of a link: of its effects only, by the one rule of integration that its input was integrated by.
 
-    finest = np.full(3, FINEST)
+    noise: of the pose. What the pose would not show does not matter at the wheels either, so their odometry counts as no more exact.
+    """
+
     variants = ("as the drive",)
     integrator = bridge.ARC
     most = MOST
 
-    def __init__(self, link, integrator, asked=0):
-        self.integrator, self.budget = integrator, max(PART * asked, ENOUGH)
+    def __init__(self, link, whole, noise):
+        self.integrator, self.budget, self.finest = whole.integrator, max(PART * whole.asked, ENOUGH), noise.sensor
         super().__init__(link.log, [name for name in bridge.effects() if name not in link.effects])
         self.gaps = {link.gap: Path.gaps[link.gap]}
 
@@ -95,9 +96,20 @@ def dead(log, speeds):
 
 def diagnosed(found, speeds):
     """The `where.links` of the report, for the answer to the whole log."""
-    path = found.path
-    links = of(path.log, speeds, _main(found), path.integrator)
-    return [_of_link(link, path) | {"share": share} for link, share in zip(links, _shares(found, links))]
+    path, rows = found.path, found.path.rows[found.starts]
+    whole, out = _missed(path.log, rows, path.integrator), []
+    for link in of(path.log, speeds, _main(found), path.integrator):
+        part, axes, floor = _missed(link.log, rows, path.integrator), list(Path.gaps[link.gap][1]), found.floor[link.gap]
+        searched = replace(link, effects=()) if _hidden(part[..., axes], floor) else link
+        share = _share(whole[..., axes], part[..., axes], floor, link.name != WHEEL)
+        out.append(_of_link(searched, path, found.state.noise) | {"share": share})
+    return out
+
+
+def _hidden(part, floor):
+    """Whether the noise of the pose hides what a link makes predictions miss (S, H, c): then no effect is looked for there."""
+    size, least = ahead.rms(np.sqrt((part**2).sum(-1))), ahead.rms(floor)
+    return not (size > (1 + ahead.SHOWS) * least).any()
 
 
 def _main(found):
@@ -105,9 +117,9 @@ def _main(found):
     return next(name for name, (unit, _) in found.path.gaps.items() if unit == found.left.unit)
 
 
-def _of_link(link, whole):
+def _of_link(link, whole, noise_of_pose):
     """What the report says of a link; whole: the path of the whole log."""
-    path = LinkPath(link, whole.integrator, whole.asked)
+    path = LinkPath(link, whole, noise_of_pose)
     own = answer(path)
     gap = gaps(path, own.before, own.after, own.floor)["gap"]
     named = [{key: effect[key] for key in TOLD} for effect in effects(own)]
@@ -117,22 +129,6 @@ def _of_link(link, whole):
 # ---- shares --------------------------------------------------------------------------------------
 
 
-def _shares(found, links):
-    """Shares of the links.
-
-    A prediction by the commands misses the pose by what the wheels miss the commands, and what the pose misses the wheels: as vectors
-    in the axes of the pose that it begins at, these add up. The share of a link is the mean of its part times the whole, over
-    the mean square of the whole, both without the noise of the pose: shares of the links from command to ground add up to one.
-    """
-    path = found.path
-    out = []
-    for link in links:
-        axes, floor = list(Path.gaps[link.gap][1]), found.floor[link.gap]
-        whole, part = (_missed(log, path.rows[found.starts], path.integrator)[..., axes] for log in (path.log, link.log))
-        out.append(_share(whole, part, floor, link.name != WHEEL))
-    return out
-
-
 def _missed(log, rows, integrator):
     """Measured less predicted (S, H, 3) by the speeds alone, in the axes of the poses in these rows."""
     steps = np.minimum(ahead.HORIZONS, len(log.x) - 1)
@@ -140,7 +136,12 @@ def _missed(log, rows, integrator):
 
 
 def _share(whole, part, floor, has_pose):
-    """Of vectors (S, H, c), at the longest horizon that there is; None where the whole is about the noise."""
+    """The share of a link, from vectors (S, H, c) at the longest horizon that there is; None where the whole is about the noise.
+
+    A prediction by the commands misses the pose by what the wheels miss the commands, and what the pose misses the wheels: as vectors
+    in the axes of the pose that it begins at, these add up. The share of a link is the mean of its part times the whole, over
+    the mean square of the whole, both without the noise of the pose: shares of the links from command to ground add up to one.
+    """
     there = np.isfinite(whole).all(-1) & np.isfinite(part).all(-1)
     if not there.any():
         return None

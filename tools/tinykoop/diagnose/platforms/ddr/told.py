@@ -8,7 +8,7 @@ from ...report import figures, words
 from ...report.figures import WIDTH, Panel, extent
 from ...report.story import Section, Teller
 from ...report.words import angle, capital, length, listed, percent_of, quantity, real, signed
-from . import told_links
+from . import standing, told_links
 
 MOST_POINTS, MOST_DRAWN = 1500, 100  # of a path, and predictions: more are not seen
 ZOOMS = 3
@@ -107,7 +107,7 @@ class Drive(Teller):
     # ---- links ---------------------------------------------------------------------------------------
 
     def phrase(self, effect):
-        return told_links.DEAD[effect["link"]] if effect is told_links.dead(self.report) else super().phrase(effect)
+        return told_links.DEAD[effect["link"]] if effect["name"] == standing.EFFECT else super().phrase(effect)
 
     def sentence(self):
         effect = told_links.dead(self.report)

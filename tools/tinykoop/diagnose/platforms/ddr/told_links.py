@@ -8,6 +8,7 @@ from ...report.words import capital, length, listed, percent, real
 from . import links, standing
 
 HEADERS = ("link", "share", "before", "after", "what acts there")
+NONE = 0.01  # share, below which a link has none
 CANCELS = -0.05  # share, from which on the errors of links are said to cancel
 NOTE = (
     "Each link is diagnosed by itself: its inputs are the speeds that go into it, and its effects those that can act there. "

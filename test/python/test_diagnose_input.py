@@ -54,7 +54,7 @@ def valid(path):
     report = json.loads(path.read_text(), parse_constant=lambda name: pytest.fail(f"{name} in {path.name}"))
     assert report["verdict"] in ("known", "none", "unknown")
     assert len(report["ranking"]) >= len(report["effects"]) and (report["verdict"] != "none" or not report["effects"])
-    table = bridge.effects()
+    table = {**bridge.effects(), "no_traction": ("actuator", ())}
     for effect in report["effects"]:
         assert 0 <= effect["confidence"] <= 1 and effect["segments"]
         for name, _, low, high, _ in table[effect.get("form", effect["name"])][1]:
@@ -346,7 +346,7 @@ def every_fourth_pose(x, u, rng):
     x[:] = np.repeat(x[::4], 4, axis=0)[: len(x)]
 
 
-FEIGNED = ("dead_band", "saturation", "backlash", "speed_gain", "yaw_gain")  # a robot that does not do as it is told
+FEIGNED = ("dead_band", "saturation", "backlash", "speed_gain", "yaw_gain", "no_traction")  # a robot that does not do as it is told
 STRANGE = {
     jump: (), random_poses: FEIGNED, huge_poses: (), random_commands: (), huge_commands: FEIGNED,
     stuck_pose: FEIGNED, stuck_heading: FEIGNED, every_fourth_pose: ("transport_delay",),

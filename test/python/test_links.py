@@ -240,6 +240,11 @@ def test_commands_of_zero_and_a_pose_too_noisy_to_tell_are_no_missing_traction()
     assert not traction.dead(loud, log.u)
 
 
+def test_commands_in_another_unit_are_answered():
+    log = log_of()
+    assert not traction.dead(log, 1000 * log.u)
+
+
 def test_no_traction_can_be_ruled_out_and_no_simulator_is_patched_with_it(tmp_path):
     from tinykoop.diagnose import patch
 

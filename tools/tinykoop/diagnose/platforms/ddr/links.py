@@ -19,7 +19,7 @@ GEOMETRY = ("speed_gain", "yaw_gain", "wheel_asymmetry", "yaw_bias")  # a wheel'
 CLOCK = ("clock_scale",)  # odometry and commands count by one clock, the pose by another
 SCALE = ("yaw_gain", "yaw_bias")  # of a gyro
 TOLD = ("name", "params", "units", "params_ci95", "confidence", "at_bound", "segments")
-MOST = 3000  # rows of a link that are looked at
+MOST = 2000  # rows of a link that are looked at
 PART, ENOUGH = (
     0.3,
     1_500_000,

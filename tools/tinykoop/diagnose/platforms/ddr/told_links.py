@@ -54,9 +54,11 @@ def _largest(teller, found):
     chain = [link for link in found if link["link"] != links.HEADING]
     gyro = [link for link in found if link["link"] == links.HEADING]
     most = [max(chain, key=lambda link: real(link["share"]))] if chain else []
-    return [
-        f"{capital(percent(link['share']))} of the {link['of']} gap arises {_between(link)}{_acting(teller, link)}." for link in most + gyro
-    ]
+    return [f"{_part(link['share'])} of the {link['of']} gap arises {_between(link)}{_acting(teller, link)}." for link in most + gyro]
+
+
+def _part(share):
+    return capital(percent(share)) if real(share) >= NONE else "None"
 
 
 def _acting(teller, link):

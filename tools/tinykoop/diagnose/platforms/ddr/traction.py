@@ -12,8 +12,9 @@ WINDOW = 1.0  # s, over which motion is summed
 LAGS = 5  # windows: the answer may come that many seconds late
 FAR_LESS = 0.1  # of the motion that goes in: what comes out is far less
 TRIFLE = 0.02  # of it, that comes out in step with it: shaking and drift of the pose, no drive
+MOST, BEYOND = 0.5, 5.0  # of the motion that comes out, and times its noise: so small an answer is one nevertheless, as of commands in mm/s
 CHANCE = 1e-3  # probability, from which on an answer is no chance
-CLEAR = 0.15  # of the motion that goes in, that noise may be
+CLEAR = 0.07  # of the motion that goes in, that noise may be
 FEWEST = 12  # windows
 
 
@@ -23,8 +24,8 @@ def short(angle):
 
 def dead(log, u):
     """Whether the pose of a log does not answer speeds u (K, 2): along the robot or in heading, wherever these move it enough to see."""
-    answers = [axis["answers"] for axis in answer(log, u) if axis["clear"]]
-    return bool(answers) and not any(answers)
+    axes = answer(log, u)
+    return any(axis["clear"] for axis in axes) and not any(axis["answers"] for axis in axes)
 
 
 def answer(log, u):
@@ -40,9 +41,11 @@ def _axis(into, out, noise):
     """into (W, LAGS): motion of a window and of those before it; out (W,)."""
     rms = lambda values: float(np.sqrt(np.mean(values**2))) if len(values) else 0.0  # noqa: E731
     given, seen = rms(into[:, 0]), np.sqrt(max(rms(out) ** 2 - 2 * noise**2, 0.0))
-    clear = len(out) >= FEWEST and given > 0 and np.sqrt(2) * noise < CLEAR * given
-    chance, explained = _explained(into, out) if clear else (1.0, 0.0)
-    answers = seen >= FAR_LESS * given or (chance < CHANCE and explained >= TRIFLE * given)
+    enough = len(out) >= FEWEST and given > 0
+    clear = enough and np.sqrt(2) * noise < CLEAR * given
+    chance, explained = _explained(into, out) if enough else (1.0, 0.0)
+    follows = explained >= TRIFLE * given or (explained >= MOST * rms(out) and seen > BEYOND * noise)
+    answers = (clear and seen >= FAR_LESS * given) or (chance < CHANCE and follows)
     return {"into": given, "out": rms(out), "clear": bool(clear), "answers": bool(answers)}
 
 

@@ -646,7 +646,9 @@ def test_other_form_acts_and_is_not_the_plain_one(form):
     assert np.all(np.isfinite(other)) and tiers.gap(other, u, DT)["50"] > 2e-3 and np.max(np.abs(other - plain)) > 1e-3
 
 
-@pytest.mark.parametrize("name", [name for name in plant.OTHER if name in bridge.effects() and name not in (*tiers.TYPICAL, "wheel_dead_band")])
+@pytest.mark.parametrize(
+    "name", [name for name in plant.OTHER if name in bridge.effects() and name not in (*tiers.TYPICAL, "wheel_dead_band")]
+)
 def test_plain_form_explains_the_first_other_one(name):
     """In the size that both share; the other forms may need another size."""
     u = drives.rich(np.random.default_rng(1), 1200, DT)[0]

@@ -7,7 +7,7 @@ from .candidates import candidates
 from .fit import ALWAYS
 from .states import MARGIN
 
-SWAPS = 2  # effects that are tried in the place of one
+SWAPS = 2  # effects that are tried instead of one
 ABSORBED = 0.5  # of what several causes do, from which on one is tried in their place
 
 
@@ -61,7 +61,7 @@ def begun_anew(states, state):
 
 
 def swapped(states, state):
-    """With another effect in the place of one, if that is worth more: what was taken in first was chosen without the others."""
+    """With another effect instead of one, if that is worth more: what was taken in first was chosen without the others."""
     for i in range(len(state.causes)):
         better = _swap(states, state, i)
         if better:

@@ -6,7 +6,6 @@ What is no pose goes by a schema of its own, tinykoop.Signals: a number for each
 import re
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..report.words import percent
 from .tracks import POSE
@@ -74,6 +73,8 @@ def _point(x, y, z=0.0):
 
 def _placed(pose, row):
     """Position and orientation of a row of signals; what is not known of them is zero."""
+    from scipy.spatial.transform import Rotation  # most diagnoses write no recording: they start a quarter of a second earlier without it
+
     at = {axis: float(row[pose[axis]]) if axis in pose else 0.0 for axis in POSE}
     turned = Rotation.from_euler("ZYX", [at["yaw"], at["pitch"], at["roll"]]).as_quat()
     return {"position": _point(at["x"], at["y"], at["z"]), "orientation": dict(zip("xyzw", map(float, turned)))}

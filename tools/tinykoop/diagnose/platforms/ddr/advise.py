@@ -56,6 +56,26 @@ def _alone(fitter, rival):
     return fitter.refine(min((fitter.fit_of((Cause(rival, s),)) for s in starts), key=lambda f: f.cost), 4)
 
 
+def _costs(path, fitter, u, open_):
+    """(question, cost of the best answer that is not true) of drive u, one after another."""
+    questions, hidden = open_
+    for cause, rival in questions:
+        yield f"{cause.name} or {rival}", _alone(_driven(path, fitter.noise, u, cause.name, cause.params), rival).cost
+    for name in hidden:
+        usual = tuple(p.usual for p in fitter.effects[name].parameters)
+        yield f"{name} or not", _driven(path, fitter.noise, u, name, usual).fit_of(()).cost
+
+
+def _separation(path, fitter, u, open_, least):
+    """{question: separation} of drive u; None as soon as one is no larger than `least`, since the drive is then not the best."""
+    found = {}
+    for question, cost in _costs(path, fitter, u, open_):
+        found[question] = float(np.sqrt(cost / len(u)))
+        if found[question] <= least:
+            return None
+    return found
+
+
 def advise(path, fitter, open_pairs, untestable):
     """(name, words, commands, {question: separation}) of the drive with the largest least separation.
 
@@ -65,16 +85,9 @@ def advise(path, fitter, open_pairs, untestable):
     questions, hidden = open_pairs[:PAIRS], [] if open_pairs else untestable[:PAIRS]
     if not questions and not hidden:
         return None
-    best = None
+    best, least = None, -np.inf
     for title, (words, u) in drives(path.u, path.dt).items():
-        separation = {}
-        for cause, rival in questions:
-            alone = _alone(_driven(path, fitter.noise, u, cause.name, cause.params), rival)
-            separation[f"{cause.name} or {rival}"] = float(np.sqrt(alone.cost / len(u)))
-        for name in hidden:
-            usual = tuple(p.usual for p in fitter.effects[name].parameters)
-            nominal = _driven(path, fitter.noise, u, name, usual).fit_of(())
-            separation[f"{name} or not"] = float(np.sqrt(nominal.cost / len(u)))
-        if best is None or min(separation.values()) > min(best[3].values()):
-            best = title, words, u, separation
+        separation = _separation(path, fitter, u, (questions, hidden), least)
+        if separation:
+            best, least = (title, words, u, separation), min(separation.values())
     return best

@@ -151,6 +151,7 @@ class Path(path.Path):
         x = np.zeros((len(self.log.x), 3))
         x[self.rows] = self.X
         self._on = np.flatnonzero(self.begins[1:] == 0)
+        self._ends_on, self._axes_on = self.X[self._on + 1], self._to_axes[self._on + 1]
         self._rollouts = bridge.Rollouts(x, self.u, self.dt, self.rows[self._on], [1], None, self.integrator)
 
     @property
@@ -188,10 +189,10 @@ class Path(path.Path):
 
     def _ends(self, causes):
         predicted, _ = self._rollouts.predict(self._active(causes))
-        D = predicted[:, 0] - self.X[self._on + 1]
+        D = predicted[:, 0] - self._ends_on
         D[:, 2] = _short(D[:, 2])
         out = np.zeros((len(self.X), 3))
-        out[self._on] = (self._to_axes[self._on + 1] @ D[..., None])[..., 0]
+        out[self._on] = (self._axes_on @ D[..., None])[..., 0]
         return out
 
     def ahead(self, causes, starts, horizons):

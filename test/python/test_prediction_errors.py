@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy import linalg, stats
-from test_diagnose import DT, LONG, SHORT, SP, ST, START, as_log, drive, log_of, noise_of, usual
+from test_diagnose import DT, SP, ST, START, as_log, drive, log_of, noise_of, usual
 from tinykoop import bridge
 from tinykoop.bridge.whitening import LANES, deviances, whiten
 from tinykoop.diagnose.platforms import ddr
@@ -13,6 +13,8 @@ from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, sp
 from tinykoop.diagnose.prediction_errors.fit import Cause, Fit, Fitter
 from tinykoop.diagnose.prediction_errors.noise import Noise
 from tinykoop.diagnose.prediction_errors.search import Search
+
+SHORT, LONG = 600, 1200  # rows: effects here come and go, the last of them after 50 s
 
 WHITE = Noise(np.array([SP, SP, ST]), np.zeros(3), np.full(3, 1e-4), np.full(3, 0.85))
 
@@ -141,7 +143,7 @@ def test_filter_of_too_many_states_is_refused():
 def test_one_step_is_the_simulators():
     """Every step by itself, from its measured pose, through bridge.simulate."""
     active = usual("speed_gain", "pacejka_slip", "world_drift", "sensor_lever_arm")
-    path = ddr.Path(log_of(drive(), usual("yaw_gain")))
+    path = ddr.Path(log_of(drive(SHORT), usual("yaw_gain")))
     D = path.steps([tuple(Cause(e.name, e.parameters) for e in active)])[0][..., 0]
     arm = active[3].parameters
     for k in range(60, 300, 7):

@@ -188,7 +188,7 @@ def test_innovations_are_the_same_whether_they_are_kept(monkeypatch):
 # ---- answers ------------------------------------------------------------------------------------
 
 
-def answer(manoeuvre, seed, *active, without=(), seconds=20):
+def answer(manoeuvre, seed, *active, without=(), seconds=14):
     return diagnosis.diagnose(bridge.fwmav(manoeuvre, seconds, seed, list(active))[0], without=without).report
 
 
@@ -214,7 +214,7 @@ def test_lag_is_found_or_its_look_alike():
 def test_trim_that_jumps():
     report = answer("hover", 503, bridge.Effect("trim_bias", (0.03, -0.03), 9.0))
     found = named(report)["trim_bias"]
-    assert abs(found["segments"][0][0] - 9.0) < 0.3 and abs(found["segments"][0][1] - 19.99) < 0.02
+    assert abs(found["segments"][0][0] - 9.0) < 0.3 and abs(found["segments"][0][1] - 13.99) < 0.02
     assert abs(found["params"]["pitch"] - 0.03) < 0.01 and abs(found["params"]["yaw"] + 0.03) < 0.01
     gone = report["gap"]
     assert gone["after"]["50"] < gone["before"]["50"]

@@ -308,3 +308,16 @@ def tiny(monkeypatch, tmp_path):
 )
 def test_verdicts(tiny, returned, verdict):
     assert tiny(returned) == verdict
+
+
+def test_the_program_that_found_most_mutants_for_its_time_is_asked_first():
+    kernel = trial.Kernel("vectors", {"koopf": {"fast": 3, "idle": 3, "slow": 9}})
+    assert [program for program, _ in kernel.in_order("koopf")] == ["fast", "idle", "slow"]
+    kernel.kills.update({"slow": 8, "fast": 1})
+    assert kernel.in_order("koopf") == [("slow", 9), ("fast", 3), ("idle", 3)]
+
+
+def test_a_mutant_is_found_once_and_the_program_that_found_it_is_counted(monkeypatch):
+    asked, kernel = [], trial.Kernel("vectors", {"koopf": {"blind": 3, "sharp": 3, "late": 3}})
+    monkeypatch.setattr(trial.Kernel, "fails", lambda kernel, program, seconds, folder: asked.append(program) or program == "sharp")
+    assert kernel.kill("koopf", None) and asked == ["blind", "sharp"] and kernel.kills["sharp"] == 1

@@ -5,6 +5,7 @@ import os
 import resource
 import shutil
 import subprocess
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -41,6 +42,7 @@ class Kernel:
 
     name: str
     limits: dict = field(default_factory=dict)  # {precision: {program: seconds}}, the fastest first
+    kills: Counter = field(default_factory=Counter)  # mutants that each program has found
 
     @property
     def folder(self):
@@ -70,6 +72,16 @@ class Kernel:
         environment = os.environ | {"LD_LIBRARY_PATH": str(folder)}
         command = ["prlimit", f"--cpu={seconds}", "--core=0", program]
         return subprocess.run(command, env=environment, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode != 0
+
+    def in_order(self, precision):
+        """[(program, seconds)]: what has found most mutants for its time comes first, since a mutant needs to be found only once."""
+        return sorted(self.limits[precision].items(), key=lambda limit: limit[1] / (1 + self.kills[limit[0]]))
+
+    def kill(self, precision, folder):
+        """Whether a test of the precision fails with the library in `folder`."""
+        killer = next((program for program, seconds in self.in_order(precision) if self.fails(program, seconds, folder)), None)
+        self.kills[killer] += 1
+        return killer is not None
 
     def time(self, program):
         """Seconds of processor time that a test takes without a mutant."""
@@ -115,7 +127,7 @@ def judge_with(kernel, lib, units):
         if made.read_bytes() == (kernel.folder / made.name).read_bytes():
             continue
         kernel.link(lib.parent, [made])
-        if any(kernel.fails(program, seconds, lib.parent) for program, seconds in kernel.limits[precision].items()):
+        if kernel.kill(precision, lib.parent):
             return "killed"
         verdict = "survived"
     return verdict

@@ -16,6 +16,8 @@ SAME = 6.0  # squares, by which two explanations may differ and be one
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 STRETCHES, CLEARLY = 20, 2.5  # of a log; standard errors, by which they must show that something can be predicted
+STEADY = 0.9  # share of gains, about which steadiness counts
+CALIBRATED_ON, SMALL = 6000, 0.01  # squares of a log on which confidence was calibrated; share of a gap, below which all count alike
 DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
@@ -110,21 +112,43 @@ def preferred(search, state, fit, every):
     return fit
 
 
-def proofs(search, fit, rests, every, left):
-    """[Proof] of each cause of a fit; every: all_rivals()."""
-    out = []
-    for i, (rest, rivals) in enumerate(zip(rests, every)):
-        worth = max(rest.cost - fit.cost, 0.0)
+def _steadiness(fit, rest):
+    """Of what a cause gains and loses from one stretch of the log to the next, the share that it gains."""
+    gains = np.array([part.sum() for part in np.array_split(rest.left**2 - fit.left**2, STRETCHES)])
+    return float(np.maximum(gains, 0).sum() / max(np.abs(gains).sum(), 1e-12))
+
+
+def _certainty(path, worth, steadiness, share, main, left, alike):
+    """How sure it is that a cause acts, if no rival does.
+
+    worth: squares that its absence costs, share: of the gap that it closes; main: whether none is worth more; alike: whether it is a
+    lookalike. What the form of the main cause misses, others may take: they must be worth more.
+    """
+    if path.calibration is None:
+        return (1 - left.share) * (DOUBT if left.shows or alike else 1.0)
+    constant, of_worth, of_share, of_steadiness = path.calibration[0 if main else 1]
+    scaled = worth if main else worth * CALIBRATED_ON / np.isfinite(path.present).sum()
+    odds = constant + of_worth * np.log10(max(scaled, 1.0)) + of_share * np.log10(np.clip(share, SMALL, 1))
+    odds += of_steadiness * (steadiness - STEADY)
+    return float(special.expit(odds)) * (DOUBT if alike else 1.0)
+
+
+def proofs(search, fit, rests, every, left, shares):
+    """[Proof] of each cause of a fit; every: all_rivals(); shares: of the gap that each closes, beside the others."""
+    out, worths = [], [max(rest.cost - fit.cost, 0.0) for rest in rests]
+    for i, (rest, rivals, worth) in enumerate(zip(rests, every, worths)):
         called = lambda r: search.path.effects[r.causes[-1].name].reported_as  # noqa: E731
         absorbed = {called(r): float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
         behind = {called(r): r.cost - fit.cost for r in rivals}
         others = [n for n, d in behind.items() if (d < search.price and absorbed[n] > 0.5) or absorbed[n] > search.path.alias]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
-        heat = 2.0 * (1 + 50 * left.share)
+        heat = 2.0 * (1 + 50 * left.share * (search.path.calibration is None))
         odds = {n: np.exp(-min(max(d, 0) / heat, 700)) for n, d in [*behind.items(), ("", worth)]}
         same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
-        sure = (1 - left.share) / (1 + sum(odds.values())) * (DOUBT if left.shows or alike else 1.0)
+        sure = _certainty(search.path, worth, _steadiness(fit, rest), shares[i], worth == max(worths), left, alike) / (
+            1 + sum(odds.values())
+        )
         sure = min(
             sure, UNSURE if search.path.steady else 1.0, MISTAKABLE if max(absorbed.values(), default=0) > search.path.alias else 1.0
         )
@@ -200,11 +224,11 @@ def established(proof):
     return proof.any_name >= ESTABLISHED
 
 
-def verdict(proved, left):
+def verdict(path, proved, left):
     """The word of the contract."""
     sure = any(map(established, proved))
     if left.matters:
-        return "partly" if sure else "unknown"
+        return "partly" if sure and path.calibration else "unknown"
     return "known" if sure else "none"
 
 

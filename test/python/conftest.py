@@ -1,6 +1,5 @@
 """Makes the tools importable without installing them, and computes as they do: in one thread."""
 
-import gc
 import os
 import subprocess
 import sys
@@ -25,11 +24,6 @@ def pytest_collection_modifyitems(items):
     """Slow files first; xdist is told to leave that order as it is (Makefile)."""
     place = {name: k for k, name in enumerate(SLOWEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(SLOWEST)))
-
-
-def pytest_collection_finish():
-    """Modules and tests stay to the end: the garbage collector need not look through them again and again."""
-    gc.freeze()
 
 
 @pytest.fixture

@@ -132,7 +132,7 @@ def test_names_of_files_are_escaped(lag):
 
 def test_page_of_every_verdict_and_of_a_report_read_back(lag, healthy, tmp_path):
     for result in (lag, healthy):
-        for word in ("known", "none", "unknown"):
+        for word in ("known", "partly", "none", "unknown"):
             assert ddr.Teller(changed(result, verdict=word)).sentence() in read(changed(result, verdict=word)).text
         results.write_json(tmp_path / "r.json", result.report)
         again = changed(result)
@@ -146,7 +146,7 @@ def test_page_without_figures_to_give(lag):
     gap["ci95"] = dict.fromkeys(nothing, [None, None])
     gaps = {"position": gap, "heading": gap | {"unit": "rad"}}
     contributions = {"actuator_lag": nothing, "yaw_gain": nothing}
-    for word in ("known", "none", "unknown"):
+    for word in ("known", "partly", "none", "unknown"):
         bare = changed(
             lag,
             verdict=word,

@@ -204,7 +204,9 @@ def print_terms(title, terms):
 
 
 def progress(items, description):
-    """Iterates over a list with a progress bar on the terminal."""
+    """Iterates over a list with a progress bar, if it is on a terminal: a bar has threads of its own."""
+    if not console.is_terminal:
+        return iter(items)
     return track(items, description=escape(printable(f"{description:<28}")), console=console, transient=True)
 
 

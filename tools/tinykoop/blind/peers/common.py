@@ -301,7 +301,7 @@ def simulator(active):
 
 def candidates(without=()):
     """The effects that the logs have, less what may not be named; their other forms are not the peers' concern."""
-    return [name for name in plant.PLAIN if name not in without]
+    return [name for name in plant.PLAIN if name in bridge.effects() and name not in without]
 
 
 def on_one_core(peer):

@@ -146,8 +146,10 @@ def proofs(search, fit, rests, every, left, shares):
         odds = {n: np.exp(-min(max(d, 0) / heat, 700)) for n, d in [*behind.items(), ("", worth)]}
         same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
-        sure = _certainty(search.path, worth, _steadiness(fit, rest), shares[i], worth == max(worths), left, alike) / (
-            1 + sum(odds.values())
+        sure = (
+            (1 - left.share * left.matters)
+            * _certainty(search.path, worth, _steadiness(fit, rest), shares[i], worth == max(worths), left, alike)
+            / (1 + sum(odds.values()))
         )
         sure = min(
             sure, UNSURE if search.path.steady else 1.0, MISTAKABLE if max(absorbed.values(), default=0) > search.path.alias else 1.0

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from . import ahead, judge, openset
 from .fit import Fit
 from .search import Search
@@ -44,18 +42,6 @@ def _by_worth(fitter, fit):
     return fitter.fit_of(fit.causes[i] for i in order), [rests[i] for i in order]
 
 
-def _shares(path, fit, rests, before, floor, starts):
-    """Of the first gap at the longest horizon, what each cause closes beside the others."""
-    gap = next(iter(path.gaps))
-    size = lambda causes: ahead.rms(ahead.errors(path, causes, starts)[gap])  # noqa: E731
-    seen = np.flatnonzero(np.isfinite(ahead.rms(before[gap])))
-    if not len(seen) or not rests:
-        return [0.0] * len(rests)
-    h = seen[-1]
-    of, whole = max(ahead.rms(before[gap])[h] - ahead.rms(floor[gap])[h], 1e-12), size(fit.causes)[h]
-    return [float((size(rest.causes)[h] - whole) / of) for rest in rests]
-
-
 def answer(path):
     """The Answer of a path."""
     search = Search(path)
@@ -77,7 +63,7 @@ def answer(path):
         state = replace(state, fit=named)
         fit, rests = _by_worth(search.at(state), named)
         rivals = judge.all_rivals(search, fit, rests)
-    proofs = judge.proofs(search, fit, rests, rivals, left, _shares(path, fit, rests, before, floor, starts))
+    proofs = judge.proofs(search, fit, rests, rivals, left)
     word = judge.verdict(path, proofs, left)
     if word == "none":
         fit, proofs, after = fitter.fit_of(()), [], before

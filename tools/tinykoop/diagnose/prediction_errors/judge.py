@@ -16,8 +16,11 @@ SAME = 6.0  # squares, by which two explanations may differ and be one
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 STRETCHES, CLEARLY = 20, 2.5  # of a log; standard errors, by which they must show that something can be predicted
-STEADY = 0.9  # share of gains, about which steadiness counts
-CALIBRATED_ON, SMALL = 6000, 0.01  # squares of a log on which confidence was calibrated; share of a gap, below which all count alike
+# Odds that a cause acts, on logs of the blind plant: even at so many squares; for others than the main one at what the form of that
+# one may miss, a share of its squares, but no more than a share of all rows; how the logarithm of the odds grows by decade of squares, and
+# by how steadily they are gained, in how many stretches and in more than a few of them.
+EVEN, MISFIT, MISFITS = 40.0, 0.08, 1 / 3
+MAIN, OTHER, OF_STEADINESS, STEADY, OF_CHANCE = 3.0, 5.0, 15.0, 0.9, 3.0
 DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
@@ -113,28 +116,29 @@ def preferred(search, state, fit, every):
 
 
 def _steadiness(fit, rest):
-    """Of what a cause gains and loses from one stretch of the log to the next, the share that it gains."""
+    """(the share that a cause gains of what it gains and loses from one stretch of the log to the next, standard errors of the mean gain)."""
     gains = np.array([part.sum() for part in np.array_split(rest.left**2 - fit.left**2, STRETCHES)])
-    return float(np.maximum(gains, 0).sum() / max(np.abs(gains).sum(), 1e-12))
+    errors = gains.mean() / max(gains.std(ddof=1) / np.sqrt(STRETCHES), 1e-12)
+    return float(np.maximum(gains, 0).sum() / max(np.abs(gains).sum(), 1e-12)), float(errors)
 
 
-def _certainty(path, worth, steadiness, share, main, left, alike):
+def _certainty(path, worth, main, steadiness, left, alike):
     """How sure it is that a cause acts, if no rival does.
 
-    worth: squares that its absence costs, share: of the gap that it closes; main: whether none is worth more; alike: whether it is a
-    lookalike. What the form of the main cause misses, others may take: they must be worth more.
+    worth: squares that its absence costs; main: those of the cause that is worth most; alike: whether it is a lookalike. What the form of
+    the main cause misses, others may take: they must be worth more than that.
     """
-    if path.calibration is None:
+    if not path.calibrated:
         return (1 - left.share) * (DOUBT if left.shows or alike else 1.0)
-    constant, of_worth, of_share, of_steadiness = path.calibration[0 if main else 1]
-    scaled = worth if main else worth * CALIBRATED_ON / np.isfinite(path.present).sum()
-    odds = constant + of_worth * np.log10(max(scaled, 1.0)) + of_share * np.log10(np.clip(share, SMALL, 1))
-    odds += of_steadiness * (steadiness - STEADY)
+    doubted = EVEN if worth == main else np.clip(MISFIT * main, EVEN, MISFITS * np.isfinite(path.present).sum())
+    share, errors = steadiness
+    odds = (MAIN if worth == main else OTHER) * np.log10(max(worth, 1.0) / doubted) + OF_STEADINESS * (share - STEADY)
+    odds += OF_CHANCE * min(errors - CLEARLY, 0.0)
     return float(special.expit(odds)) * (DOUBT if alike else 1.0)
 
 
-def proofs(search, fit, rests, every, left, shares):
-    """[Proof] of each cause of a fit; every: all_rivals(); shares: of the gap that each closes, beside the others."""
+def proofs(search, fit, rests, every, left):
+    """[Proof] of each cause of a fit; every: all_rivals()."""
     out, worths = [], [max(rest.cost - fit.cost, 0.0) for rest in rests]
     for i, (rest, rivals, worth) in enumerate(zip(rests, every, worths)):
         called = lambda r: search.path.effects[r.causes[-1].name].reported_as  # noqa: E731
@@ -142,13 +146,13 @@ def proofs(search, fit, rests, every, left, shares):
         behind = {called(r): r.cost - fit.cost for r in rivals}
         others = [n for n, d in behind.items() if (d < search.price and absorbed[n] > 0.5) or absorbed[n] > search.path.alias]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
-        heat = 2.0 * (1 + 50 * left.share * (search.path.calibration is None))
+        heat = 2.0 * (1 + 50 * left.share * (not search.path.calibrated))
         odds = {n: np.exp(-min(max(d, 0) / heat, 700)) for n, d in [*behind.items(), ("", worth)]}
         same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
         sure = (
             (1 - left.share * left.matters)
-            * _certainty(search.path, worth, _steadiness(fit, rest), shares[i], worth == max(worths), left, alike)
+            * _certainty(search.path, worth, max(worths), _steadiness(fit, rest), left, alike)
             / (1 + sum(odds.values()))
         )
         sure = min(
@@ -203,7 +207,8 @@ def _left_in(path, noise, parts, shows, gap):
 def _left_at(path, noise, before, after, boxed, floor, moving, shows, gap, h):
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
     missed, noisy = ahead.rms(after[usual, h]), ahead.rms(moving)[h]
-    unmodelled = _apart(missed, noisy) if missed > STANDS_OUT * noisy else 0.0
+    surely = not path.calibrated or _better(after[usual, h], moving[usual, h])
+    unmodelled = _apart(missed, noisy) if missed > STANDS_OUT * noisy and surely else 0.0
     predicted = _apart(ahead.rms(after)[h], ahead.rms(boxed)[h]) if shows or _better(after[:, h], boxed[:, h]) else 0.0
     gap_left, of = max(unmodelled, predicted), _apart(ahead.rms(before)[h], ahead.rms(floor)[h])
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise, ahead.HORIZONS[h])), path.gaps[gap][0])
@@ -230,7 +235,7 @@ def verdict(path, proved, left):
     """The word of the contract."""
     sure = any(map(established, proved))
     if left.matters:
-        return "partly" if sure and path.calibration else "unknown"
+        return "partly" if sure and path.calibrated else "unknown"
     return "known" if sure else "none"
 
 

@@ -34,7 +34,7 @@ class Path:
     lookalikes: dict = {}  # {effects that together look like something that is no effect here: what}
     tiny = 0.0  # of its usual size: what is less does not matter
     motions, motion = ("at any speed",), 0  # how random motion may depend on the command, and how it is taken to
-    calibration = None  # of the main cause and of others: constant, weights of evidence, share and steadiness, of the odds that it acts
+    calibrated = False  # whether confidence is reckoned from evidence, as it was calibrated for drives
     steady = False  # whether one command was held throughout
     spent = False  # whether the simulator was asked so much that no further cause is looked for
     matters_ahead = True  # whether a cause must close a part of the gap of predictions

@@ -28,9 +28,6 @@ SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, an
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
 HALF_TRACK = 0.3  # m, usual half distance of the wheels, whose speeds random slip is in proportion to
 SLIPS_FOR, SLIPS_AT_REST = 0.5, 0.1  # s, over which speeds are smoothed, since wheels follow their commands late; share of the usual speed
-# The weight of evidence on others by logistic regression of what was right, over 113 effects named on logs of the blind plant
-# (seeds 701 and 702); the rest by hand on logs of healthy and of slipping robots, and of two effects.
-CALIBRATION = (-4.8, 3.0, 0.0, 15.0), (-8.2, 2.67, 1.0, 10.0)
 STEADY = 0.02  # share that commands of one kind vary by
 STARTS = 400  # of predictions
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
@@ -79,7 +76,7 @@ class Path(path.Path):
     command_names = ("v", "omega")
     most = MOST
     variants = tuple(title for title, _ in VARIANTS)
-    calibration = CALIBRATION
+    calibrated = True
     motions = ("at any speed", "in proportion to the commanded speed")
 
     def __init__(self, log, without=(), variant=0, base=(), most=None):

@@ -290,3 +290,10 @@ def test_results_are_written_whole_or_not_at_all(tmp_path):
     with pytest.raises(UserError, match="cannot be written"):
         results.write_json(tmp_path / "missing" / "a.json", [])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json"]
+
+
+def test_smoothing_is_as_long_as_what_it_smooths():
+    """Also where the window is longer, as in the plots of a short log."""
+    from tinykoop.plumbing import plots
+
+    assert plots.smooth(np.ones(89), 200) == pytest.approx(np.ones(89), abs=0.5) and len(plots.smooth(np.ones(300), 200)) == 300

@@ -112,6 +112,7 @@ def save(figure, path):
 
 def smooth(values, width=50):
     """Running root mean square over `width` samples, for errors that swing with the commands."""
+    width = min(width, len(values))  # else convolve() would give as many values as the kernel has
     kernel = np.ones(width) / width
     values = np.where(np.isfinite(values), values, 0)
     return np.sqrt(np.maximum(np.convolve(values**2, kernel, mode="same"), 0))

@@ -134,7 +134,7 @@ def _certainty(path, worth, main, steadiness, left, alike):
     share, errors = steadiness
     odds = (MAIN if worth == main else OTHER) * np.log10(max(worth, 1.0) / doubted) + OF_STEADINESS * (share - STEADY)
     odds += OF_CHANCE * min(errors - CLEARLY, 0.0)
-    return float(special.expit(odds)) * (DOUBT if alike else 1.0)
+    return float(special.expit(odds)) * (DOUBT if alike or not left.white else 1.0)
 
 
 def proofs(search, fit, rests, every, left):

@@ -652,7 +652,7 @@ def test_other_form_acts_and_is_not_the_plain_one(form):
 def test_plain_form_explains_the_first_other_one(name):
     """In the size that both share; the other forms may need another size."""
     u = drives.rich(np.random.default_rng(1), 1200, DT)[0]
-    usual = {row[0]: row[4] for row in bridge.effects()[name][1]}
+    usual = {row[0]: row[4] for row in bridge.effects()[name][1]} | {"wheel_dead_band": {"v_db": 0.4}}.get(name, {})
     x = plant.simulate(u, DT, [Cause(name, usual, "other")], (0.3, -0.2, 2.0), np.random.default_rng(0))
-    explained = tiers.gap(x, u, DT, active=[bridge.usual_effect(name)])["50"]
+    explained = tiers.gap(x, u, DT, active=[bridge.Effect(name, tuple(usual.values()))])["50"]
     assert 1e-4 < explained < 0.75 * tiers.gap(x, u, DT)["50"]

@@ -327,6 +327,36 @@ def test_lag_or_delay_on_a_slow_drive():
     assert said(report, "transport_delay") and said(report, "actuator_lag")
 
 
+def slipping(u, share, seed):
+    """What the wheels do of commands (K, 2): each slips at random by a share of its speed, AR(1) of 0.3 s, half a metre apart."""
+    rng, keeps, slip = np.random.default_rng(seed), np.exp(-DT / 0.3), np.zeros((len(u), 2))
+    for k in range(1, len(u)):
+        slip[k] = keeps * slip[k - 1] + share * np.sqrt(1 - keeps**2) * rng.normal(size=2)
+    left, right = ((u[:, 0] + side * 0.25 * u[:, 1]) * (1 + slip[:, i]) for i, side in enumerate((-1, 1)))
+    return np.stack([(left + right) / 2, (right - left) / 0.5], axis=1)
+
+
+@pytest.mark.parametrize("names", [(), ("yaw_gain",)])
+def test_random_slip_is_noise_on_the_log_and_on_a_fresh_one(names):
+    logs = []
+    for seed in (5, 6):
+        u = drive(1500, seed)
+        x = bridge.simulate(slipping(u, 0.03, seed)[:-1], DT, START, usual(*names), bridge.ARC)
+        logs.append(as_log(x + noise_of("white", x.shape, seed) * (SP, SP, ST) / 4, u))
+    report = diagnose(logs[0], fresh=logs[1]).report
+    assert report["verdict"] == ("known" if names else "none") and tuple(effects_of(report)) == names
+    for part in (report, report["fresh"]):
+        floor, after = part["gap"]["noise_floor"]["50"], part["gap"]["after"]["50"]
+        assert 0.5 * after < floor <= after * 1.001
+    assert report["noise"]["process"]["longitudinal"]["share"] == pytest.approx(0.03 / np.sqrt(2), rel=0.3)
+
+
+def test_delay_taken_out_looks_like_a_lag_of_second_order():
+    result = diagnose(log_of(drive(SHORT), usual("transport_delay")), without=("transport_delay",))
+    assert "transport_delay" not in {row["name"] for row in result.report["ranking"]} and surest(result.report) < 0.9
+    assert "may as well be a delay" in " ".join(ddr.Teller(result).cannot_tell())
+
+
 @pytest.mark.parametrize("name", ["world_drift", "heading_bias", "yaw_bias"])
 def test_effect_taken_out_is_unknown(name):
     report = diagnose(log_of(drive(SHORT), usual(name)), without=(name,)).report

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import elsewhere
-from .prediction_errors import ahead, judge
+from .prediction_errors import ahead, judge, openset
 from .prediction_errors.answer import Answer
 from .prediction_errors.search import Search
 
@@ -198,7 +198,9 @@ def on_fresh(result, path):
     path.tell_hidden(state.noise)
     starts = ahead.starts_of(path)
     before, after = (ahead.errors(path, some, starts) for some in ((), causes))
-    least = ahead.floor(path, state.noise.quiet(path), starts)
+    least = judge.floors(
+        path, state.noise, before, after, openset.boxed(search, state, path.ahead(causes, starts, ahead.HORIZONS), starts)[0], starts
+    )
     return {
         **gaps(path, before, after, least),
         "effects": [one | called(path.effects[one["name"]]) for one in elsewhere.told(carried, parameters)],

@@ -204,10 +204,12 @@ def print_terms(title, terms):
 
 
 def progress(items, description):
-    """Iterates over a list with a progress bar, if it is on a terminal: a bar has threads of its own."""
-    if not console.is_terminal:
-        return iter(items)
-    return track(items, description=escape(printable(f"{description:<28}")), console=console, transient=True)
+    """Iterates over a list with a progress bar on the terminal.
+
+    Elsewhere nobody sees it move, and the thread that moves it would wait for itself if the bar is abandoned and collected there.
+    """
+    moves = console.is_terminal
+    return track(items, description=escape(printable(f"{description:<28}")), console=console, transient=True, auto_refresh=moves)
 
 
 @contextmanager

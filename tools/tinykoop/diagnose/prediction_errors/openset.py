@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from . import ahead
+
 BLOCKS, STRIPES, MOST = 8, 24, 8
 SHOWS = 1e-9
 CERTAIN = 25.0  # squares of rows that it was not fitted on, that it must take: of noise it takes none
@@ -22,6 +24,15 @@ def forward(gram, slope, most=MOST):
         weights = np.linalg.solve(part + 1e-9 * np.diag(np.diag(part)), slope[chosen])
         left = slope - gram[:, chosen] @ weights
     return chosen, weights
+
+
+def boxed(search, state, missed, starts):
+    """({gap: errors (S, H)} of predictions that miss so much (S, H, c), with what a black box predicts of that; the BlackBox).
+
+    Where the noise has no random motion of the robot, the errors are as they are.
+    """
+    path, box = search.path, BlackBox(search, state)
+    return ahead.sizes(path, missed - ahead.pushed(path, box.pushes, starts) if len(path.usual) else missed), box
 
 
 class BlackBox:

@@ -540,7 +540,8 @@ class Teller:
         """What this log leaves open, in sentences."""
         said = self.ambiguous()
         for alike in self.report.get("lookalikes", ()):
-            said.append(f"{capital(listed(map(self.title, alike['effects'])))} together may as well be {alike['as']}.")
+            together = " together" * (len(alike["effects"]) > 1)
+            said.append(f"{capital(listed(map(self.title, alike['effects'])))}{together} may as well be {alike['as']}.")
         if self.report["not_testable"]:
             names = listed(map(self.title, self.report["not_testable"]))
             said.append(f"Not testable: {names}. This {self.log} would barely show them: they are neither confirmed nor ruled out.")

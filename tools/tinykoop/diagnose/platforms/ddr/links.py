@@ -20,10 +20,8 @@ CLOCK = ("clock_scale",)  # odometry and commands count by one clock, the pose b
 SCALE = ("yaw_gain", "yaw_bias")  # of a gyro
 TOLD = ("name", "params", "units", "params_ci95", "confidence", "at_bound", "segments")
 MOST = 2000  # rows of a link that are looked at
-PART, ENOUGH = (
-    0.3,
-    1_500_000,
-)  # of the steps that the search of the whole log asked for, and steps, which a link may ask for before its search ends
+# A link may ask for a part of the steps that the search of the whole log asked for, or for so many, before its search ends.
+PART, ENOUGH = 0.3, 1_500_000
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,10 @@ LINEAR = ("speed_gain", "battery_sag", "yaw_gain", "wheel_asymmetry", "yaw_bias"
           "heading_bias")  # fmt: skip
 # Noise is measured, not fitted.
 # What together looks like something that is no effect here: then they are never sure.
-LOOKALIKES = {frozenset(("actuator_lag", "transport_delay")): "actuators of second order"}
+LOOKALIKES = {
+    frozenset(("actuator_lag", "transport_delay")): "actuators of second order",
+    frozenset(("second_order_lag",)): "a delay, alone or with a lag",
+}
 NOT_FITTED = ("measurement_noise",)
 # A real robot moves in continuous time: where nothing speaks against it, that is assumed.
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))

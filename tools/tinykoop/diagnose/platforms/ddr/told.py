@@ -15,21 +15,18 @@ ZOOMS = 3
 SHORTEST = 2  # steps of a prediction worth drawing
 
 
+def _acting(p, *parts):
+    """[phrase] for the parameters that are not zero; parts: (parameter, unit, phrase with a place for its size)."""
+    return [phrase.format(quantity(p[key], unit)) for key, unit, phrase in parts if p[key]]
+
+
 def _limits(p):
-    cut = [
-        f"{verb} faster than {quantity(p[key], unit)}"
-        for key, unit, verb in (("v_max", "m/s", "drive"), ("w_max", "rad/s", "turn"))
-        if p[key]
-    ]
+    cut = _acting(p, ("v_max", "m/s", "drive faster than {}"), ("w_max", "rad/s", "turn faster than {}"))
     return f"the robot cannot {listed(cut, 'nor')}" if cut else "speed and turning are cut at a limit"
 
 
 def _rates(p):
-    cut = [
-        f"{what} changes by {quantity(p[key], unit)} at most"
-        for key, unit, what in (("a", "m/s2", "its speed"), ("alpha", "rad/s2", "its yaw rate"))
-        if p[key]
-    ]
+    cut = _acting(p, ("a", "m/s2", "its speed changes by {} at most"), ("alpha", "rad/s2", "its yaw rate changes by {} at most"))
     return f"the robot accelerates slowly: {listed(cut)}" if cut else "acceleration is limited"
 
 

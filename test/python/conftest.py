@@ -41,3 +41,21 @@ def tinykoop_in(monkeypatch, capsys):
         return subprocess.CompletedProcess(arguments, status, *said)
 
     return run
+
+
+@pytest.fixture(autouse=True, scope="session")
+def titles_fit():
+    """Every title of a plot that a test makes ends within the figure."""
+    from tinykoop.plumbing import plots
+
+    save = plots.save
+
+    def checked(figure, path):
+        save(figure, path)
+        titles = [figure._suptitle, *(title for ax in figure.axes for title in (ax.title, ax._left_title))]
+        wide = [title.get_text() for title in titles if title and title.get_text() and title.get_window_extent().x1 > figure.bbox.x1 + 1]
+        assert not wide, f"{path}: too long for the figure"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plots, "save", checked)
+        yield

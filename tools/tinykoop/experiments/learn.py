@@ -131,12 +131,12 @@ def draw_adaptation(out, t, x, traces):
     slid = (t >= 110) & (t < 200)  # friction acts from 100 s to 200 s, and 10 s are left for learning
     fixed, learned = (np.median(errors[name][slid]) for name in shown)
     figure, ax = plots.subplots(figsize=(7, 3.6))
-    ax.set_title(
-        f"One step of 50 ms ahead, under friction, the fixed model errs by {fixed:.0f} mm, the learned one by {learned:.1f} mm", pad=16
+    figure.suptitle(
+        f"Error of the position 50 ms ahead, under friction: fixed model {fixed:.0f} mm, learned {learned:.1f} mm", x=0.01, ha="left"
     )
+    _phased(ax, "")
     for name, label in shown.items():
         ax.semilogy(t, errors[name], lw=1.4, label=label, **plots.STYLES[name])
-    scenario.mark_phases(ax)
     ax.set_xlabel("time (s); a simulated differential drive")
     ax.set_ylabel("error of the predicted position (mm)")
     ax.set_ylim(0.1, 100)

@@ -129,8 +129,10 @@ class Drive(Teller):
         shown, kinds = ([before, after], ("before", "after")) if self.fitted else ([before], ("before",))
         steps = rows.shape[1] - 1
         worst = np.sort(np.argsort(-np.nan_to_num(error[0]), kind="stable")[: ZOOMS if steps >= SHORTEST else 0])
-        caption = f"Predicted {steps} steps ahead, the simulator is {length(np.nanmax(error[0]))} off at worst"
-        caption += f", with the effects {length(np.nanmax(error[1]))}" if self.fitted else ""
+        most = [np.nanmax(e) for e in error]
+        size = words.common_size("m", most)
+        caption = f"Predicted {steps} steps ahead, the simulator is {size(most[0])} off at worst"
+        caption += f", with the effects {size(most[1])}" if self.fitted else ""
         caption += f"; the worst start at {'the circle' if len(worst) == 1 else 'the circles'}" if len(worst) else ""
         keys = [("measured", "measured"), ("before", "simulator"), ("after", "with effects")]
         parts = [figures.legend(0, 14, keys[: 1 + len(shown)]), self._whole(shown, kinds, measured, worst)]

@@ -124,6 +124,7 @@ def _figures_of_the_diagnoser():
         f"more than {100 * judge.UNEXPLAINED:g} % of the gap",
         f"more than {judge.STANDS_OUT:g} times the error that all noise explains",
         f"a confidence of {judge.ESTABLISHED:g} or more",
+        f"no effect has a confidence of {judge.BELIEVED:g}",
         f"at most {judge.UNSURE:g} if one command",
         f"at most {judge.DOUBT:g} beside what looks alike",
         f"at {flight.RATE:g} Hz",

@@ -141,7 +141,8 @@ def report_of(found, where, hidden, unexplained=None, seed=0):
     path, log, fit = found.path, found.path.log, found.fit
     fitter, names = found.fitter, {*fit.names}
     every = effects(found)
-    believed = [effect for effect, proof in zip(every, found.proofs) if judge.established(proof) and found.verdict != "unknown"]
+    named = found.verdict != "unknown"  # where confidence is not each effect's own, all of them or none
+    believed = [e for e, proof in zip(every, found.proofs) if named and (not path.calibrated or judge.established(path, proof))]
     return {
         "verdict": found.verdict,
         "effects": believed,

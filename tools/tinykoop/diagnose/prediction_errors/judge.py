@@ -11,6 +11,7 @@ from .fit import SLOPE, Cause, Fit
 
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
+BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
 ESTABLISHED = 0.5  # confidence that a cause or what cannot be distinguished from it acts, from which on it is named
 SAME = 6.0  # squares, by which two explanations may differ and be one
 RIVALS = 5  # that are fitted in full
@@ -226,17 +227,19 @@ def _better(errors, others):
     return len(means) > 1 and np.mean(means) > CLEARLY * np.std(means, ddof=1) / np.sqrt(len(means))
 
 
-def established(proof):
+def established(path, proof):
     """Whether a cause is named, by itself or with what this log cannot distinguish from it."""
-    return proof.any_name >= ESTABLISHED
+    return proof.any_name >= (ESTABLISHED if path.calibrated else BELIEVED)
 
 
 def verdict(path, proved, left):
-    """The word of the contract."""
-    sure = any(map(established, proved))
+    """The word of the contract. What may act, and is not sure enough to be named, is no reason to call the simulator right."""
+    surest = max((proof.any_name for proof in proved), default=0.0)
+    if surest < BELIEVED and not left.matters:
+        return "none"
     if left.matters:
-        return "partly" if sure and path.calibrated else "unknown"
-    return "known" if sure else "none"
+        return "partly" if path.calibrated and surest >= ESTABLISHED else "unknown"
+    return "known" if any(established(path, proof) for proof in proved) else "unknown"
 
 
 def threshold_interval(fitter, fit, index, price=3.84):

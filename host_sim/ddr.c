@@ -18,6 +18,10 @@ static tk_signal signal_at(const ddr *robot, size_t k) {
 	return (tk_signal){.t = (double)k * robot->dt, .dt = robot->dt};
 }
 
+int ddr_senses(const ddr *robot) {
+	return robot->effects.senses;
+}
+
 void ddr_sense(const ddr *robot, size_t k, double *pose) {
 	if (!robot->effects.senses) { return; }
 	tk_signal signal = signal_at(robot, k);

@@ -35,7 +35,8 @@ void ddr_skip(ddr *robot, size_t steps);
 /* As many steps under u (steps, 2), for what time and actuators become of them. */
 void ddr_roll(ddr *robot, size_t steps, const double *u);
 void ddr_move(const ddr_motion *motion, double *pose);
-/* A true pose into the measured one at step k, and back. */
+/* Whether a sensor's effect acts; a true pose into the measured one at step k, and back. */
+int ddr_senses(const ddr *robot);
 void ddr_sense(const ddr *robot, size_t k, double *pose);
 void ddr_unsense(const ddr *robot, size_t k, double *pose);
 

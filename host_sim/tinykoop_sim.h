@@ -86,6 +86,12 @@ TK_API int tk_windows(const tk_active *effects, size_t n_effects, int integrator
                       size_t n_starts, const int64_t *starts, size_t n_steps, const int64_t *steps,
                       double *predicted, double *residual);
 
+/* One step from the pose measured in each of `rows` (ascending), whose directions (cos, sin) are `facing`
+ * (log->rows, 2). Actuators are rolled as by tk_windows. Written for each: where the step ends beside the pose
+ * measured in the next row, along, across (m, in the axes of that pose) and in heading (rad, wrapped). */
+TK_API int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
+                    const double *facing, size_t n_rows, const int64_t *rows, double *beside);
+
 /* ---- Plant: the flapping-wing vehicle --------------------------------------------
  *
  * A tailless vehicle of 26 g with two wings, its flight controller in the loop
@@ -134,11 +140,16 @@ typedef struct tk_path {
 	const double *A, *G, *variance;
 } tk_path;
 
-/* Innovations, over their standard deviations, of `columns` columns: D (n x columns) in each row is what a step adds
- * to the deviation, E (c x columns) is what the channels show. log_det: the sum of the logarithms of the innovations'
- * variances. */
-TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *D,
-                     const double *E, double *out, double *log_det);
+/* What the filter makes of the noise alone, for any columns: in each row and channel, gains (rows x c x N, with N =
+ * n + r, and c more where sensor noise is coloured) and units (rows x c), one over the standard deviation of the
+ * innovation, 0 where nothing was measured. log_det: the sum of the logarithms of the innovations' variances. */
+TK_API int tk_gains(const tk_noise *noise, size_t rows, const tk_path *path, double *gains, double *units,
+                    double *log_det);
+
+/* Innovations, over their standard deviations, of `columns` columns by these gains: D (n x columns) in each row is what
+ * a step adds to the deviation, E (c x columns) is what the channels show. */
+TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *gains,
+                     const double *units, const double *D, const double *E, double *out);
 
 /* Eight noises at once: rows of r or c for each; white: variance of sensor noise; coloured may be null. */
 typedef struct tk_noises {

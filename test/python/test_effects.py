@@ -610,6 +610,27 @@ def test_rollouts_asked_again_answer_as_new_ones(log):
         assert np.array_equal(rollouts.predict(usual(*names)), fresh, equal_nan=True), names
 
 
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("name", KNOWN)
+def test_steps_end_where_windows_of_one_step_do(log, name, integrator):
+    """From some rows; the effect acts for a while, beside a lag that remembers the rows between."""
+    x, u = np.nan_to_num(log[0]), log[1]
+    rows = np.r_[0, 3:40, 41, 60:200, 340:350]
+    active = [bridge.usual_effect(name, 1.0, 12.0), bridge.usual_effect("yaw_lag" if name == "speed_lag" else "speed_lag")]
+    off = bridge.windows(x, u, DT, rows, (1,), active, integrator=integrator)[0][:, 0] - x[rows + 1]
+    world = off[:, 0] + 1j * off[:, 1]
+    body = world * np.exp(-1j * x[rows + 1, 2])
+    found = bridge.Steps(x, u, DT, rows, integrator).beside(active)
+    assert np.abs(found[:, 0] + 1j * found[:, 1] - body).max() < 1e-11
+    assert np.abs(np.exp(1j * (found[:, 2] - off[:, 2])) - 1).max() < 1e-11 and np.abs(found[:, 2]).max() <= np.pi
+
+
+@pytest.mark.parametrize("rows", [[-1, 4], [4, 4], [7, 3], [10**6]])
+def test_steps_from_rows_that_do_not_ascend_or_are_not_there_are_refused(log, rows):
+    with pytest.raises(UserError, match="rows must ascend, up to"):
+        bridge.Steps(np.nan_to_num(log[0]), log[1], DT, rows).beside()
+
+
 # ---- bad input -----------------------------------------------------------------------------------
 
 

@@ -152,7 +152,7 @@ def test_noise_is_never_less_than_that_of_healthy_flights():
     first = path.noises.first(path)
     D = np.random.default_rng(0).normal(size=(*path.present.shape, 1))
     for size in (0.1, 3.0):
-        D *= size / np.sqrt((path.noises.whitened(path, first, D, D)[0] ** 2).sum() / np.isfinite(path.present).sum())
+        D *= size / np.sqrt((path.noises.whitened(path, first, D, D) ** 2).sum() / np.isfinite(path.present).sum())
         noise, deviance = path.noises.likeliest(path, first, D, D)
         n, least = np.isfinite(path.present).sum(), max(size, 1.0)
         np.testing.assert_allclose(noise.sensor, least)
@@ -165,8 +165,8 @@ def test_whitening_is_linear():
     path = simulated().path(bridge.fwmav("yaw", 8, 6)[0])
     rng, first = np.random.default_rng(0), path.noises.first(path)
     D = rng.normal(size=(*path.present.shape, 2))
-    both = path.noises.whitened(path, first, D @ [[2.0], [-0.5]], D[..., :1])[0][..., 0]
-    parts = path.noises.whitened(path, first, D, D)[0]
+    both = path.noises.whitened(path, first, D @ [[2.0], [-0.5]], D[..., :1])[..., 0]
+    parts = path.noises.whitened(path, first, D, D)
     np.testing.assert_allclose(both, 2 * parts[..., 0] - 0.5 * parts[..., 1], atol=1e-9)
 
 

@@ -44,6 +44,13 @@ def test_windows_of_a_long_log_are_the_simulation_itself(order):
         assert np.abs(predicted - log.x[starts[:, None] + steps]).max() < 2 * np.exp(-10) * 50 * DT
 
 
+def test_steps_of_a_long_log_are_the_simulation_itself():
+    log = drive(3 * bridge.LONG, SLOWEST)
+    starts = np.r_[0:2000:100, 2500:50000:2503, len(log.x) - 2]
+    beside = bridge.Steps(log.x, log.u, DT, starts, bridge.ARC).beside(SLOWEST)
+    assert np.abs(beside).max() < 2 * np.exp(-10) * DT and np.abs(beside[:20]).max() < 1e-9
+
+
 def test_what_lies_between_windows_of_a_long_log_is_not_looked_at():
     log = drive(2 * bridge.LONG)
     log.x[20000], log.u[20000] = np.nan, np.nan

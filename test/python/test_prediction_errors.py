@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, stats
 from test_diagnose import DT, SP, ST, START, as_log, drive, log_of, noise_of, usual
 from tinykoop import bridge
-from tinykoop.bridge.whitening import LANES, deviances, whiten
+from tinykoop.bridge.whitening import LANES, Filter, deviances
 from tinykoop.diagnose.platforms import ddr
 from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans
 from tinykoop.diagnose.prediction_errors.fit import Cause, Fit, Fitter
@@ -62,8 +62,6 @@ class Small:
             self.keeps,
             self.tint,
             self.tint_rho,
-            self.D,
-            self.E,
         )
 
     def dense(self):
@@ -92,7 +90,8 @@ class Small:
 @pytest.mark.parametrize("tint", [0.0, 1.0], ids=["white", "coloured"])
 def test_filter_whitens_as_the_factor_of_the_whole_covariance_does(tint):
     small = Small(tint)
-    ours, log_det = whiten(*small.arguments())
+    filter = Filter(*small.arguments())
+    ours, log_det = filter.whiten(small.D, small.E), filter.log_det
     expected, determinants = [], []
     for seen, covariance in small.dense():
         lower = linalg.cholesky(covariance, lower=True)
@@ -134,7 +133,7 @@ def test_likelihoods_of_eight_noises_are_those_of_normal_distributions(tint):
 def test_filter_of_too_many_states_is_refused():
     small = Small(0.0, n=60)
     with pytest.raises(Exception, match="62 states: at most 48"):
-        whiten(*small.arguments())
+        Filter(*small.arguments())
 
 
 # ---- the path of the drive -------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The simulator and the estimators of host_sim/, through its one C interface."""
 
 from .control import MODELS, MPC_GRADIENT, MPC_NEWTON, Controller, Mpc, Solution, Supervisor
-from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, simulate, windows
+from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, Steps, simulate, windows
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_columns, read_log, write_log
@@ -11,6 +11,6 @@ from .unmodelled import Effect, effects, families, formulas, usual_effect
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
-    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
+    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "Steps", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
     "read_columns", "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

@@ -42,6 +42,12 @@ LONG = 20_000  # rows, of a log that is rolled as a whole
 WARM_UP = 30.0  # s: ten time constants of the slowest lag that can be
 
 
+def _recording(x, u, dt, usable=None):
+    """The log for the C side; warm-up only where it is LONG."""
+    warm_up = max(int(min(WARM_UP / dt, len(x))), 1) if len(x) > LONG and dt > 0 else 0
+    return _Recording(len(x), dt, address(x), address(u), address(usable), warm_up)
+
+
 class Rollouts:
     """A log's measured poses x (K, 3), predicted from its commands u (K or K-1, 2) in windows of their own.
 
@@ -59,8 +65,7 @@ class Rollouts:
             raise ValueError(f"{len(u)} commands and usable {np.shape(usable)} do not go with {len(x)} poses")
         self._predicted, self._residual = np.empty((2, len(starts), len(steps), 3))
         self._kept = x, u, usable, starts, steps  # what the addresses are of
-        warm_up = max(int(min(WARM_UP / dt, len(x))), 1) if len(x) > LONG and dt > 0 else 0
-        log = _Recording(len(x), dt, address(x), address(u), address(usable), warm_up)
+        log = _recording(x, u, dt, usable)
         self._arguments = (
             ct.c_int(integrator), ct.byref(log),
             ct.c_size_t(len(starts)), address(starts), ct.c_size_t(len(steps)), address(steps),
@@ -75,6 +80,28 @@ class Rollouts:
         """
         call("tk_windows", active_effects(active), ct.c_size_t(len(active)), *self._arguments)
         return self._predicted, self._residual
+
+
+class Steps:
+    """A log's measured poses x (K, 3), each stepped once from the rows `starts` (S, ascending) under its commands u (K or K-1, 2).
+
+    Actuator states are rolled as Rollouts roll them. Arrays are kept, not copied: they are to stay as they are.
+    """
+
+    def __init__(self, x, u, dt, starts, integrator=EULER):
+        x, u, starts = reals(x, 3), reals(u, 2), np.ascontiguousarray(starts, np.int64)
+        facing = np.stack([np.cos(x[:, 2]), np.sin(x[:, 2])], 1)
+        self._kept = x, u, facing, starts  # what the addresses are of
+        log = _recording(x, u, dt)
+        self._arguments = (
+            ct.c_int(integrator), ct.byref(log), address(facing), ct.c_size_t(len(starts)), address(starts),
+        )  # fmt: skip
+
+    def beside(self, active=()):
+        """Where steps end beside the next pose (S, 3): along, across [m, in the axes of that pose] and heading [rad, wrapped]."""
+        out = np.empty((len(self._kept[-1]), 3))
+        call("tk_steps", active_effects(active), ct.c_size_t(len(active)), *self._arguments, address(out))
+        return out
 
 
 def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):

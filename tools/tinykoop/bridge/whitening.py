@@ -19,24 +19,33 @@ class _Path(ct.Structure):
     _fields_ = [(name, ct.c_void_p) for name in ("begins", "A", "G", "variance")]
 
 
-def whiten(begins, A, G, variance, start, C, process, process_rho, coloured, coloured_rho, D, E):
-    """(innovations (K, c, q) over their standard deviations, sum of log variances) of columns D (K, n, q), E (K, c, q)."""
-    if not np.any(coloured):
-        coloured = coloured_rho = None
-    begins = np.ascontiguousarray(begins, np.int32)
-    A, G, variance, start, C, process, process_rho, D, E = map(reals, (A, G, variance, start, C, process, process_rho, D, E))
-    if coloured is not None:
-        coloured, coloured_rho = reals(coloured), reals(coloured_rho)
-    K, n, r = G.shape
-    c, q = E.shape[1:]
-    out, log_det = np.empty((K, c, q)), ct.c_double()
-    noise = _Noise(n, r, c, *map(address, (start, C, process, process_rho, coloured, coloured_rho)))
-    path = _Path(*map(address, (begins, A, G, variance)))
-    call(
-        "tk_whiten", ct.byref(noise), ct.c_size_t(K), ct.c_size_t(q), ct.byref(path), address(D), address(E), address(out),
-        ct.byref(log_det),
-    )  # fmt: skip
-    return out, log_det.value
+class Filter:
+    """What the Kalman filter makes of a noise along a path of K rows, for any columns; log_det: sum of the log variances of innovations."""
+
+    def __init__(self, begins, A, G, variance, start, C, process, process_rho, coloured, coloured_rho):
+        if not np.any(coloured):
+            coloured = coloured_rho = None
+        arrays = [None if a is None else reals(a) for a in (A, G, variance, start, C, process, process_rho, coloured, coloured_rho)]
+        self._kept = np.ascontiguousarray(begins, np.int32), *arrays  # what the addresses are of
+        begins, A, G, variance, start, C, *noise = self._kept
+        (K, n, r), c = G.shape, variance.shape[1]
+        gains, units, log_det = np.empty((K, c, n + r + c * (coloured is not None))), np.empty((K, c)), ct.c_double()
+        self._noise, self._path = _Noise(n, r, c, *map(address, (start, C, *noise))), _Path(*map(address, (begins, A, G, variance)))
+        call(
+            "tk_gains", ct.byref(self._noise), ct.c_size_t(K), ct.byref(self._path), address(gains), address(units), ct.byref(log_det)
+        )  # fmt: skip
+        self._gains, self.log_det = (gains, units), log_det.value
+
+    def whiten(self, D, E):
+        """Innovations (K, c, q) over their standard deviations, of columns D (K, n, q), E (K, c, q)."""
+        D, E = reals(D), reals(E)
+        out = np.empty(E.shape)
+        K, _, q = E.shape
+        call(
+            "tk_whiten", ct.byref(self._noise), ct.c_size_t(K), ct.c_size_t(q), ct.byref(self._path), *map(address, self._gains),
+            address(D), address(E), address(out),
+        )  # fmt: skip
+        return out
 
 
 class _Noises(ct.Structure):

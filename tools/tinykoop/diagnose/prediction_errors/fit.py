@@ -10,7 +10,8 @@ from ..robot import Parameter
 ALWAYS = ((-np.inf, np.inf),)
 STEP = 1e-3  # of a parameter's usual size, by which slopes are taken
 GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give or take half
-GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 9), 4) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope
+GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 7), 3) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope
+NEAR = 1  # of these, with which a size begins that was found before
 HELD = 1e-3  # of its usual size, to which a parameter counts as at its bound
 SLOPE = 1e-9  # squares, below which there is none
 
@@ -125,7 +126,7 @@ class Fitter:
 
     def whiten(self, D, E):
         """What steps that end D (K, n, q) beside the path, and readings missed by E (K, c, q), make of the residual (n, q)."""
-        return self.path.noises.whitened(self.path, self.noise, D, E)[0].reshape(-1, D.shape[-1])
+        return self.path.noises.whitened(self.path, self.noise, D, E).reshape(-1, D.shape[-1])
 
     def fit_of(self, causes):
         causes = tuple(causes)
@@ -145,7 +146,8 @@ class Fitter:
 
     def refine(self, fit, steps=8):
         """Damped Gauss-Newton steps, then what has no slope, size by size."""
-        return self._thresholds(self._descend(fit, steps)) if fit.causes else fit
+        first = [NEAR * (cause.params not in self.effects[cause.name].starts) for cause in fit.causes]
+        return self._thresholds(self._descend(fit, steps), first) if fit.causes else fit
 
     def _descend(self, fit, steps):
         damping = 1e-3
@@ -172,14 +174,15 @@ class Fitter:
             damping = max(damping * 8, 1e-2)
         return fit, damping
 
-    def _thresholds(self, fit):
+    def _thresholds(self, fit, first):
+        """What has no slope, each cause by grids from the first of its own on."""
         for i, cause in enumerate(fit.causes):
             if self.effects[cause.name].threshold:
                 for k in range(len(cause.params)):
                     fit = self._best_of(fit, self._begun(fit.causes, i, k))
-                for grid in GRIDS:
+                for grid in range(first[i], len(GRIDS)):
                     for k in range(len(cause.params)):
-                        fit = self._best_of(fit, self._scaled(fit.causes, i, k, grid))
+                        fit = self._best_of(fit, self._scaled(fit.causes, i, k, GRIDS[grid]))
         return fit
 
     def _begun(self, causes, i, k):

@@ -87,16 +87,16 @@ class Healthy:
         return Noise(np.ones(c), np.zeros(c), np.zeros(0), np.zeros(0))
 
     def whitened(self, path, noise, D, E):
-        """(innovations (K, c, q), 0) of innovations (K, c, q), less their mean."""
+        """Innovations (K, c, q), less their mean."""
         white = self._white(path, D)
         if self._own is not None:
             white = white - self._own @ (self._shrunk[:, None] * (self._own.T @ white))
-        return white.reshape(D.shape) / noise.sensor[0], 0.0
+        return white.reshape(D.shape) / noise.sensor[0]
 
     def likeliest(self, path, noise, D, E, rounds=None, coloured=None):
         """(Noise, -2 log likelihood): never less noise than healthy runs have."""
         n = np.isfinite(path.present).sum()
-        cost = float((self.whitened(path, self.first(path), D, E)[0] ** 2).sum())
+        cost = float((self.whitened(path, self.first(path), D, E) ** 2).sum())
         size = max(np.sqrt(cost / n), 1.0)
         return replace(noise, sensor=np.full(len(noise.sensor), size)), cost / size**2 + 2 * n * np.log(size)
 

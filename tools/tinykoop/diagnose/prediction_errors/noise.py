@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from ...bridge.whitening import LANES, deviances, whiten
+from ...bridge.whitening import LANES, Filter, deviances
 
 QUIET = 2e-4  # of the usual speed: less random motion than that is none
 CORRELATED = 1e-2  # of a row with the next, below which sensor noise is white
@@ -16,7 +16,8 @@ WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter we
 SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
 COARSEST = 2e7  # times the finest noise of a sensor, that it may have
-ROUNDS, TOLERANCE, STEP = 15, 1e-7, 1e-4  # of the search; relative; by which slopes are taken
+FILTERS = 2  # noises of a path whose filters are kept: a fit asks for one again and again
+ROUNDS, TOLERANCE, STEP = 15, 0.02, 1e-4  # of the search; of -2 log likelihood; by which slopes are taken
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,21 @@ def _moving(path, share):
 
 
 def whitened(path, noise, D, E):
-    """(innovations (K, c, q), log determinant)."""
+    """Innovations (K, c, q) over their standard deviations."""
+    made_of = noise, path.begins, path.A, path.G, path.present
+    known = next((f for of, f in path.filters if all(a is b for a, b in zip(of, made_of))), None)
+    if known is None:
+        known = _filter(path, noise)
+        path.filters = [(made_of, known), *path.filters[: FILTERS - 1]]
+    return known.whiten(D, E)
+
+
+def _filter(path, noise):
     coloured = noise.sensor_rho > CORRELATED
     variance = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * path.present
-    return whiten(
+    return Filter(
         path.begins, path.A, path.G, variance, SPREAD * path.spread, path.C, noise.process, noise.process_rho,
-        np.where(coloured, noise.sensor, 0.0), np.where(coloured, noise.sensor_rho, 0.0), D, E,
+        np.where(coloured, noise.sensor, 0.0), np.where(coloured, noise.sensor_rho, 0.0),
     )  # fmt: skip
 
 
@@ -147,9 +157,10 @@ def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
 
     others = [_coloured(path, rho) for rho in BEGIN] if vector.coloured else [_moving(path, share) for share in SHARES]
     starts = np.array([vector.of(n) for n in (noise, noise.quiet(path), *others)])
+    begun = deviances_of(starts)
     found = optimize.minimize(
-        with_slope, starts[deviances_of(starts).argmin()], jac=True, method="L-BFGS-B", bounds=vector.bounds,
-        options={"maxiter": rounds, "ftol": TOLERANCE},
+        with_slope, starts[begun.argmin()], jac=True, method="L-BFGS-B", bounds=vector.bounds,
+        options={"maxiter": rounds, "ftol": TOLERANCE / max(abs(begun.min()), 1.0)},
     )  # fmt: skip
     return vector.noise(found.x), float(found.fun)
 

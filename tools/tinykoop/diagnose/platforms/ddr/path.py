@@ -59,10 +59,6 @@ def _stretches(K, most):
     return (firsts[:, None] + np.arange(STRETCH)).ravel()
 
 
-def _short(angle):
-    return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
 class Path(path.Path):
     """The log as the engine takes it. Deviations are in the axes of the measured pose: along, across, heading.
 
@@ -155,8 +151,7 @@ class Path(path.Path):
         x = np.zeros((len(self.log.x), 3))
         x[self.rows] = self.X
         self._on = np.flatnonzero(self.begins[1:] == 0)
-        self._ends_on, self._axes_on = self.X[self._on + 1], self._to_axes[self._on + 1]
-        self._rollouts = bridge.Rollouts(x, self.u, self.dt, self.rows[self._on], [1], None, self.integrator)
+        self._steps = bridge.Steps(x, self.u, self.dt, self.rows[self._on], self.integrator)
 
     @property
     def integrator(self):
@@ -192,11 +187,8 @@ class Path(path.Path):
         return [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in (*self.base, *causes) for a, b in c.segments]
 
     def _ends(self, causes):
-        predicted, _ = self._rollouts.predict(self._active(causes))
-        D = predicted[:, 0] - self._ends_on
-        D[:, 2] = _short(D[:, 2])
         out = np.zeros((len(self.X), 3))
-        out[self._on] = (self._axes_on @ D[..., None])[..., 0]
+        out[self._on] = self._steps.beside(self._active(causes))
         return out
 
     def ahead(self, causes, starts, horizons):

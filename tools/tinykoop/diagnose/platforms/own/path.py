@@ -210,7 +210,7 @@ class Path(path.Path):
 
     def _cut(self):
         """A path that the simulator takes by itself in windows: where a small change of states is a large force, as at contacts."""
-        self.cut = True
+        self.cut, self.begins = True, self.begins.copy()
         run = 0
         for k in range(len(self.begins)):
             run = 0 if self.begins[k] or run == LED - 1 else run + 1

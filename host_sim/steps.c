@@ -1,0 +1,107 @@
+/* One step from each of many rows of one log: as windows of one step, for a search that asks for little else.
+ *
+ * Directions of the poses are the caller's, so a step costs two rotations and no trigonometry but that of its
+ * own turn. A sensor's effect acts on the poses themselves: then a step costs what a window does. */
+#include <math.h>
+
+#include "angle.h"
+#include "ddr.h"
+#include "effects.h"
+#include "message.h"
+#include "stretches.h"
+
+typedef struct request {
+	const tk_active *effects;
+	size_t n_effects;
+	int integrator;
+	const tk_recording *log;
+	const double *facing;
+	const int64_t *rows;
+	double *beside;
+} request;
+
+static int check_rows_given(const tk_recording *log, size_t n_rows, const int64_t *rows) {
+	if (!log->x || !log->u || log->rows < 2) { return fail("the log is empty: it needs two rows at least"); }
+	for (size_t i = 0; i < n_rows; i++) {
+		if (rows[i] < (i ? rows[i - 1] + 1 : 0) || rows[i] >= (int64_t)log->rows - 1) {
+			return fail("a step cannot start in row %lld: rows must ascend, up to %zu", (long long)rows[i],
+			            log->rows - 2);
+		}
+	}
+	return TK_OK;
+}
+
+/* Where a step ends beside the next row, in the world's axes and in heading, from the row's own pose. */
+static void moved(const ddr_motion *m, const double *x, const double *facing, double *end) {
+	const double c = m->ahead == 0 ? 1 : cos(m->ahead), s = m->ahead == 0 ? 0 : sin(m->ahead);
+	const double along = m->way[0] * c - m->way[1] * s, across = m->way[0] * s + m->way[1] * c;
+	end[0] = (along * facing[0] - across * facing[1] + m->drift[0]) * m->dt - (x[3] - x[0]);
+	end[1] = (along * facing[1] + across * facing[0] + m->drift[1]) * m->dt - (x[4] - x[1]);
+	end[2] = m->turn * m->dt - (x[5] - x[2]);
+}
+
+/* The same through the sensor, whose effects are undone at the start. */
+static void sensed(const ddr *robot, const ddr_motion *m, size_t k, const double *x, double *end) {
+	double pose[3] = {x[0], x[1], x[2]};
+	ddr_unsense(robot, k, pose);
+	ddr_move(m, pose);
+	ddr_sense(robot, k + 1, pose);
+	for (size_t i = 0; i < 3; i++) { end[i] = pose[i] - x[3 + i]; }
+}
+
+static int step_from(const request *q, const ddr *robot, const ddr_motion *m, size_t k, int senses,
+                     double *out) {
+	const double *x = q->log->x + 3 * k, *facing = q->facing + 2 * k, *then = facing + 2;
+	double end[3];
+	if (senses) {
+		sensed(robot, m, k, x, end);
+	} else {
+		moved(m, x, facing, end);
+	}
+	out[0] = then[0] * end[0] + then[1] * end[1];
+	out[1] = then[0] * end[1] - then[1] * end[0];
+	out[2] = wrapped(end[2]);
+	return all_finite(out, 3);
+}
+
+static int run_stretch(const request *q, const stretch *s) {
+	const double nowhere[3] = {0, 0, 0};
+	const tk_recording *log = q->log;
+	ddr *robot = ddr_open(q->effects, q->n_effects, q->integrator, log->dt, (double)(log->rows - 1) * log->dt,
+	                      nowhere);
+	if (!robot) { return TK_ERROR; }
+	const int senses = ddr_senses(robot);
+	int finite = 1;
+	size_t row = s->from;
+	ddr_skip(robot, row);
+	for (size_t i = s->begin; i < s->end; i++) {
+		const size_t k = (size_t)q->rows[i];
+		ddr_roll(robot, k - row, log->u + 2 * row);
+		const ddr_motion motion = ddr_next(robot, log->u + 2 * k);
+		finite &= step_from(q, robot, &motion, k, senses, q->beside + 3 * i);
+		row = k + 1;
+	}
+	ddr_free(robot);
+	return finite ? TK_OK
+	              : fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
+}
+
+int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
+             const double *facing, size_t n_rows, const int64_t *rows, double *beside) {
+	if (!log || !facing || !beside || (n_rows && !rows) || (n_effects && !effects)) {
+		return fail("log, facing, rows, beside and effects must be given");
+	}
+	if (check_rows_given(log, n_rows, rows) != TK_OK || check_actives(effects, n_effects) != TK_OK) {
+		return TK_ERROR;
+	}
+	const request q = {effects, n_effects, integrator, log, facing, rows, beside};
+	int status = TK_OK;
+	for (size_t begin = 0; status == TK_OK && begin < n_rows;) {
+		stretch s = log->warm_up ? next_stretch(log, begin, n_rows, rows, 1)
+		                         : (stretch){.end = n_rows, .final = log->rows - 1};
+		status = check_rows(log, s.from, s.final);
+		if (status == TK_OK) { status = run_stretch(&q, &s); }
+		begin = s.end;
+	}
+	return status;
+}

@@ -23,7 +23,8 @@ def floor(path, noise, starts):
     return {gap: np.sqrt(variance[..., list(axes)].sum(-1)) for gap, (_, axes) in path.gaps.items()}
 
 
-def _folds(path):
+def folds(path):
+    """Which part of the log each row (K,) is of."""
     return (path.t // BLOCK).astype(int) % FOLDS
 
 
@@ -31,9 +32,9 @@ def held_out(fitter, fit):
     """Causes (FOLDS) with sizes from the other folds: one Gauss-Newton step from the whole, where it helps."""
     if not fit.causes:
         return [()] * FOLDS
-    J, c = fitter.jacobian(fit), fitter.path.present.shape[1]
+    J = fitter.jacobian(fit)
     z = fitter.vector(fit.causes)[0]
-    fold, out = np.repeat(_folds(fitter.path), c), []
+    fold, out = folds(fitter.path)[fitter.rows], []
     for f in range(FOLDS):
         A, b = J[fold != f], fit.left[fold != f]
         gram = A.T @ A
@@ -56,7 +57,7 @@ def errors(path, causes, starts):
 
 def missed(fitter, fit, starts):
     """Measured less predicted (S, H, c), each prediction with the sizes of the other folds."""
-    path, fold = fitter.path, _folds(fitter.path)[starts]
+    path, fold = fitter.path, folds(fitter.path)[starts]
     if not fit.causes:
         return path.ahead((), starts, HORIZONS)
     parts = {f: path.ahead(causes, starts[fold == f], HORIZONS) for f, causes in enumerate(held_out(fitter, fit)) if (fold == f).any()}

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from . import ahead, judge, openset
-from .fit import Fit
+from . import ahead, judge, openset, weighed
+from .fit import Fit, Fitter
 from .search import Search
 from .states import State
 
@@ -15,6 +15,7 @@ class Answer:
     search: Search
     state: State
     fit: Fit
+    sizes: Fitter  # that found the sizes of causes
     proofs: list
     left: judge.Left
     verdict: str
@@ -49,11 +50,12 @@ def answer(path):
     search.at(whole)
     path.tell_hidden(whole.noise)
     starts = ahead.starts_of(path)
+    whole = weighed.chosen(search, whole, starts)
     state, small = judge.paying(search, whole, starts) if path.matters_ahead else (whole, [])
-    missed = ahead.missed(search.at(whole), whole.fit, starts)
+    missed = ahead.missed(*weighed.sized(search, whole, starts), starts)
     found, (boxed, box) = ahead.sizes(path, missed), openset.boxed(search, whole, missed, starts)
     fitter = search.at(state)
-    before, after = ahead.errors(path, (), starts), ahead.after(fitter, state.fit, starts)
+    before, after = ahead.errors(path, (), starts), ahead.after(*weighed.sized(search, state, starts), starts)
     floor = judge.floors(path, whole.noise, before, found, boxed, starts)
     left = judge.left(search, whole, before, found, boxed, floor, box, starts)
     fit, rests = _by_worth(fitter, state.fit)
@@ -67,4 +69,5 @@ def answer(path):
     word = judge.verdict(path, proofs, left)
     if word == "none":
         fit, proofs, after = fitter.fit_of(()), [], before
-    return Answer(search, state, fit, proofs, left, word, small, starts, before, after, floor, boxed, box)
+    sizes, final = weighed.sized(search, replace(state, fit=fit), starts)
+    return Answer(search, state, fitter.fit_of(final.causes), sizes, proofs, left, word, small, starts, before, after, floor, boxed, box)

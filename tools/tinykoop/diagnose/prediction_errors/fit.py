@@ -13,6 +13,7 @@ GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give
 GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 7), 3) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope
 NEAR = 1  # of these, with which a size begins that was found before
 HELD = 1e-3  # of its usual size, to which a parameter counts as at its bound
+SPREAD = 50  # rows of a block that counts as one observation
 SLOPE = 1e-9  # squares, below which there is none
 
 
@@ -82,7 +83,9 @@ class Fit:
 
 
 class Fitter:
-    """Fits causes to a path under a noise."""
+    """Fits causes to the steps of a path under a noise."""
+
+    smooth = False  # whether squares have a slope to every size
 
     def __init__(self, path, noise):
         self.path, self.noise, self.effects = path, noise, path.effects
@@ -117,6 +120,16 @@ class Fitter:
         z, low, high, _ = self.vector((cause,))
         at = (z != 0) & ((z - low < HELD) | (high - z < HELD))
         return [p.name for p, there in zip(self.effects[cause.name].parameters, at) if there]
+
+    @property
+    def rows(self):
+        """Of the path, that residuals (n,) are of."""
+        return np.repeat(np.arange(len(self.path.present)), self.path.present.shape[1])
+
+    @property
+    def block(self):
+        """Residuals that count as one observation."""
+        return SPREAD * self.path.present.shape[1]
 
     # ---- residuals -----------------------------------------------------------------------------------------
 

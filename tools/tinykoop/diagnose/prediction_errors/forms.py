@@ -17,11 +17,19 @@ def _begun(fitter, causes, i, effect):
     return trials[int(costs.argmin())]
 
 
+def begun(states, state, i):
+    """[causes with cause i in another form, or as another effect of its family], each at the best of its starts."""
+    return [_begun(states.at(state), state.causes, i, effect) for effect in _others(states, state, i)]
+
+
 def reformed(states, state):
     """With each cause in the form, or as the effect of its family, that is worth most."""
     for i in range(len(state.causes)):
-        trials = [_begun(states.at(state), state.causes, i, effect) for effect in _others(states, state, i)]
-        fits = [fit for fit in (states.refined(state, trial) for trial in trials) if states.priced(fit) < states.priced(state.fit)]
+        fits = [
+            fit
+            for fit in (states.refined(state, trial) for trial in begun(states, state, i))
+            if states.priced(fit) < states.priced(state.fit)
+        ]
         if fits:
             state = min(state, states.settled(state, min(fits, key=states.priced)), key=states.worth)
     return state

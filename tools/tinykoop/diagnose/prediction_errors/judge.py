@@ -26,7 +26,6 @@ DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
 CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows apart, are not those of the noise that is told
-SPREAD = 50  # rows of a block that counts as one observation
 SHOWN, UNTOLD = 1e-6, 1e-12  # squares that a usual size must be worth to have a slope; share of them that is round-off
 ALONE = 0.1  # of what is told of a parameter, that other blocks tell at least: a block by itself has no residual to judge by
 FEWEST = 2.5  # blocks that must tell of a size: else noise alone is believed, as of a gust, of which the block that has it tells all
@@ -74,7 +73,7 @@ def dropped(fitter, fit):
     return [fitter.refine(fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 5) for i in range(len(fit.causes))]
 
 
-def _rivals(search, fit, rest, i):
+def rivals(search, fit, rest, i):
     """[fits with another effect instead of cause i], the likeliest."""
     fitter, effects = search.fitter, search.path.effects
     mine = effects[fit.causes[i].name].reported_as
@@ -99,7 +98,7 @@ def _pair(search, fit, rivals, name):
 
 def all_rivals(search, fit, rests):
     """[fits with another effect in the place] of each cause."""
-    return [_rivals(search, fit, rest, i) for i, rest in enumerate(rests)]
+    return [rivals(search, fit, rest, i) for i, rest in enumerate(rests)]
 
 
 def preferred(search, state, fit, every):
@@ -309,7 +308,7 @@ def intervals(fitter, fit):
     size = np.sqrt((J**2).sum(0))
     shown = size**2 > SHOWN
     if shown.any():
-        half[shown] = _halves(J[:, shown] / size[shown], fit.left, SPREAD * fitter.path.present.shape[1]) / size[shown]
+        half[shown] = _halves(J[:, shown] / size[shown], fit.left, fitter.block) / size[shown]
     return z[:, None] + np.hypot(1, fitter.path.doubt(fit.causes)) * half[:, None] * np.array([-1, 1])
 
 
@@ -343,7 +342,7 @@ def _scores(X, left, rows):
 def limits(fitter, fit, i, k, at, interval):
     """95 % interval of parameter k of cause i, number `at` of all, in its unit."""
     effect = fitter.effects[fit.causes[i].name]
-    if effect.threshold or not np.isfinite(interval).all():
+    if (effect.threshold and not fitter.smooth) or not np.isfinite(interval).all():
         interval = threshold_interval(fitter, fit, at)
     return [float(v) for v in np.clip(interval, effect.bounds[0][k], effect.bounds[1][k]) * effect.scale[k]]
 

@@ -37,6 +37,7 @@ class Path:
     motions, motion = ("at any speed",), 0  # how random motion may depend on the command, and how it is taken to
     calibrated = False  # whether confidence is reckoned from evidence, as it was calibrated for drives
     steady = False  # whether one command was held throughout
+    weighed = False  # whether sizes are fitted to predictions many steps ahead, where the robot moves at random
     spent = False  # whether the simulator was asked so much that no further cause is looked for
     matters_ahead = True  # whether a cause must close a part of the gap of predictions
     stray = True  # whether rows that stand alone are outliers

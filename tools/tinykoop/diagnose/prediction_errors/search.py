@@ -18,9 +18,12 @@ class Search(States):
         state = self.likeliest(self.fitter.fit_of(()))
         state = self.base = self.moving_alike(self.with_coloured_noise(self.robust(self.referred(state))))
         coarse = self.path.coarse()
-        state = self.begun(state, Search(coarse).run()) if coarse else simpler.stepped(self, state)
+        begun = state = self.begun(state, Search(coarse).run()) if coarse else simpler.stepped(self, state)
         for _ in range(TURNS):
             wide = state = self.moving_alike(self.forward(state))
+            if coarse and state.fit.names == begun.fit.names:
+                state = simpler.swapped(self, state)  # on fewer rows it was made simpler already
+                break
             for simpler_ in (
                 forms.reformed, simpler.begun_anew, simpler.swapped, simpler.opened, simpler.simplified, simpler.discretised,
             ):  # fmt: skip

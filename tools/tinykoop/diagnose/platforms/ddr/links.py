@@ -19,9 +19,9 @@ GEOMETRY = ("speed_gain", "yaw_gain", "wheel_asymmetry", "yaw_bias")  # a wheel'
 CLOCK = ("clock_scale",)  # odometry and commands count by one clock, the pose by another
 SCALE = ("yaw_gain", "yaw_bias")  # of a gyro
 TOLD = ("name", "params", "units", "params_ci95", "confidence", "at_bound", "segments")
-MOST = 2000  # rows of a link that are looked at
+MOST = 1500  # rows of a link that are looked at
 # A link may ask for a part of the steps that the search of the whole log asked for, or for so many, before its search ends.
-PART, ENOUGH = 0.3, 1_500_000
+PART, ENOUGH = 0.1, 750_000
 
 
 @dataclass(frozen=True)

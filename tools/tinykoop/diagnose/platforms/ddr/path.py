@@ -25,7 +25,7 @@ NOT_FITTED = ("measurement_noise",)
 # A real robot moves in continuous time: where nothing speaks against it, that is assumed.
 VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-implicit Euler steps", bridge.SEMI_IMPLICIT))
 LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
-MOST, STRETCH = 7500, 500  # rows of a long log that are looked at, in stretches
+MOST, STRETCH = 5000, 500  # rows of a long log that are looked at, in stretches
 FEW, COARSE = 3500, 2500  # of more than so many rows, some with which a search begins
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
@@ -75,7 +75,7 @@ class Path(path.Path):
     command_names = ("v", "omega")
     most = MOST
     variants = tuple(title for title, _ in VARIANTS)
-    calibrated = True
+    calibrated = weighed = True
     motions = ("at any speed", "in proportion to the commanded speed")
 
     def __init__(self, log, without=(), variant=0, base=(), most=None):

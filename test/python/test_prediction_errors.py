@@ -9,8 +9,8 @@ from test_diagnose import DT, SP, ST, START, as_log, drive, log_of, noise_of, us
 from tinykoop import bridge
 from tinykoop.bridge.whitening import LANES, Filter, deviances
 from tinykoop.diagnose.platforms import ddr
-from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans
-from tinykoop.diagnose.prediction_errors.fit import Cause, Fit, Fitter
+from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans, weighed
+from tinykoop.diagnose.prediction_errors.fit import SPREAD, Cause, Fit, Fitter
 from tinykoop.diagnose.prediction_errors.noise import Noise
 from tinykoop.diagnose.prediction_errors.search import Search
 
@@ -302,6 +302,8 @@ def test_first_noise_is_that_of_the_sensor():
 class Line:
     """A fitter of residuals noise + J (z - truth): what there is to be said of it is known. fit() is where it costs least."""
 
+    block = SPREAD
+
     def __init__(self, J, noise):
         self.J, self.noise, self.truth = J, noise, np.ones(J.shape[1])
         self.path = SimpleNamespace(present=np.ones((len(J), 1)), doubt=lambda causes: 0.0)
@@ -326,9 +328,9 @@ class Line:
 def test_intervals_of_few_blocks_that_differ_hold_the_truth():
     """A log of six blocks, of which each is as loud as chance has it: 95 % hold the truth, within three standard errors."""
     rng, runs = np.random.default_rng(6), 1500
-    J, held = rng.normal(size=(6 * judge.SPREAD, 2)) * np.repeat(rng.uniform(0.5, 2, 6), judge.SPREAD)[:, None], 0
+    J, held = rng.normal(size=(6 * SPREAD, 2)) * np.repeat(rng.uniform(0.5, 2, 6), SPREAD)[:, None], 0
     for _ in range(runs):
-        common = np.repeat(0.3 * rng.normal(size=(6, 2)), judge.SPREAD, axis=0)
+        common = np.repeat(0.3 * rng.normal(size=(6, 2)), SPREAD, axis=0)
         line = Line(J, rng.normal(size=len(J)) + (J * common).sum(1))
         low, high = judge.intervals(line, line.fit()).T
         held += ((low < line.truth) & (line.truth < high)).sum()
@@ -361,3 +363,87 @@ def test_limit_of_one_size_allows_for_the_other():
     half = 1.96 * np.sqrt(np.linalg.inv(J.T @ J)[0, 0])
     low, high = judge.threshold_interval(line, fit, 0)
     assert low < fit.causes[0] - half and fit.causes[0] + half < high and high - low < 5 * half
+
+
+# ---- intervals by profiles -------------------------------------------------------------------------
+
+
+def test_profile_of_what_is_linear_is_the_interval_by_slopes():
+    fitter = fitter_of(log_of(drive(SHORT), usual("speed_gain", "yaw_bias")))
+    fit = fitter.refine(fitter.fit_of([Cause(e.name, e.parameters) for e in usual("speed_gain", "yaw_bias")]))
+    J = fitter.jacobian(fit)
+    half = 1.96 * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
+    for index, z in enumerate(fitter.vector(fit.causes)[0]):
+        assert judge.profile(fitter, fit, index, 0.3 * half[index]) == pytest.approx(
+            [z - half[index], z + half[index]], abs=0.1 * half[index]
+        )
+
+
+def test_profiles_of_a_curve_hold_the_truth():
+    """The four sizes of a friction make up for one another: 95 % of 24 would be 23, and by slopes some are too narrow."""
+    held = []
+    for seed in range(6):
+        (true,) = usual("stribeck_friction")
+        fitter = fitter_of(log_of(drive(LONG, seed), [true], "white", seed))
+        fit = fitter.refine(fitter.fit_of([Cause(true.name, true.parameters)]))
+        for i, (interval, value) in enumerate(zip(judge.intervals(fitter, fit), true.parameters)):
+            low, high = judge.limits(fitter, fit, 0, i, i, interval)
+            held.append(low <= value <= high)
+    assert sum(held) >= 21, held
+
+
+def test_profiles_of_two_thresholds_hold_the_truth():
+    """A rim limit and its track width: the track by slopes alone would be certain."""
+    held = []
+    for seed in range(5):
+        u = drive(LONG, seed)
+        true = bridge.Effect("wheel_saturation", (float(np.quantile(np.abs(u[:, 0]), 0.7)), 0.55))
+        fitter = fitter_of(log_of(u, [true], "white", seed))
+        fit = fitter.refine(fitter.fit_of([Cause(true.name, true.parameters)]))
+        limits = [judge.limits(fitter, fit, 0, i, i, interval) for i, interval in enumerate(judge.intervals(fitter, fit))]
+        held += [low <= value <= high for (low, high), value in zip(limits, true.parameters)]
+        assert all(high - low < 0.1 * value for (low, high), value in zip(limits, true.parameters))
+    assert sum(held) >= 8, held
+
+
+# ---- sizes by predictions many steps ahead ------------------------------------------------------------
+
+
+def slipping_log(active, share, seed=0, rows=LONG):
+    """A robot with effects that also slips at random, AR(1) of 0.3 s."""
+    u, rng = drive(rows, seed), np.random.default_rng(40 + seed)
+    keep, slip = np.exp(-DT / 0.3), np.zeros((rows, 2))
+    for k in range(1, rows):
+        slip[k] = keep * slip[k - 1] + np.sqrt(1 - keep**2) * rng.normal(size=2)
+    moved = u + share * np.sqrt(np.mean(u**2, axis=0)) * slip
+    x = bridge.simulate(moved[:-1], DT, START, active, bridge.ARC)
+    return as_log(x + noise_of("white", x.shape, seed) * (SP, SP, ST), u)
+
+
+def weighed_of(log, cause):
+    search = Search(ddr.Path(log))
+    state = search.settled(search.likeliest(search.fitter.fit_of(())), search.fitter.fit_of([cause]))
+    return search, state, ahead.starts_of(search.path)
+
+
+def test_sizes_that_serve_many_steps_are_those_of_one_where_the_form_is_right():
+    true = bridge.Effect("actuator_lag", (0.4,))
+    search, state, starts = weighed_of(slipping_log([true], 0.05), Cause(true.name, (0.3,)))
+    fitter = weighed.Ahead(search.at(state).path, state.noise, starts)
+    found = fitter.refine(fitter.fit_of(state.causes)).causes[0].params[0]
+    assert found == pytest.approx(0.4, abs=0.03) and state.causes[0].params[0] == pytest.approx(0.4, abs=0.03)
+
+
+def test_sizes_that_serve_many_steps_are_taken_where_they_predict_better():
+    """A second-order actuator taken for a lag: one step tells another time constant than fifty do."""
+    true = bridge.Effect("second_order_lag", (0.35, 0.35))
+    search, state, starts = weighed_of(slipping_log([true], 0.03), Cause("actuator_lag", (0.3,)))
+    fitter, fit = weighed.sized(search, state, starts)
+    before, after = (ahead.rms(ahead.errors(search.path, causes, starts)["position"])[-1] for causes in (state.causes, fit.causes))
+    assert fitter.smooth and after < 0.98 * before
+
+
+def test_sizes_are_left_alone_where_the_robot_does_not_move_at_random():
+    true = bridge.Effect("actuator_lag", (0.4,))
+    search, state, starts = weighed_of(log_of(drive(SHORT), [true]), Cause(true.name, (0.3,)))
+    assert weighed.sized(search, state, starts) == (search.fitter, state.fit) and weighed.chosen(search, state, starts) is state

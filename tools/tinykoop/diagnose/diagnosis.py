@@ -52,11 +52,11 @@ def inside(segments, end):
 
 def effects(found):
     """The `effects` of the report."""
-    path, fitter, fit, out, at = found.path, found.fitter, found.fit, [], 0
-    intervals = judge.intervals(found.sizes, found.sizes.fit_of(fit.causes))
+    path, fitter, fit, out, at = found.path, found.sizes, found.sizes.fit_of(found.fit.causes), [], 0
+    intervals = judge.intervals(fitter, fit)
     for i, (cause, proof) in enumerate(zip(fit.causes, found.proofs)):
         spec = path.effects[cause.name].parameters
-        limits = {p.name: judge.limits(found.sizes, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)}
+        limits = {p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)}
         at += len(spec)
         proved = {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": limits, "at_bound": fitter.held(cause)}
         out.append(told(path, cause) | proved)

@@ -86,6 +86,8 @@ class Fitter:
     """Fits causes to the steps of a path under a noise."""
 
     smooth = False  # whether squares have a slope to every size
+    guessing = True  # whether curves are guessed to be as usual
+    held_at = ()  # indices of sizes that stay as they are
 
     def __init__(self, path, noise):
         self.path, self.noise, self.effects = path, noise, path.effects
@@ -110,7 +112,7 @@ class Fitter:
 
     def guesses(self, causes):
         """What it costs that curves are not as usual."""
-        if not any(self.effects[c.name].curve for c in causes):
+        if not (self.guessing and any(self.effects[c.name].curve for c in causes)):
             return 0.0
         z, _, _, curved = self.vector(causes)
         return float((curved * (z - 1) ** 2).sum()) / GUESS**2
@@ -174,9 +176,10 @@ class Fitter:
     def _step(self, fit, damping):
         J = self.jacobian(fit)
         z, low, high, curved = self.vector(fit.causes)
-        guess = curved / GUESS**2
+        guess = self.guessing * curved / GUESS**2
         gram, slope = J.T @ J + np.diag(guess), J.T @ fit.left + guess * (z - 1)
         free = ~(((z <= low) & (slope > 0)) | ((z >= high) & (slope < 0)) | (np.diag(gram) < SLOPE))
+        free[list(self.held_at)] = False
         for _ in range(4 if free.any() else 0):
             move, A = np.zeros_like(z), gram[np.ix_(free, free)]
             move[free] = -np.linalg.solve(A + damping * np.diag(np.diag(A)), slope[free])
@@ -193,8 +196,9 @@ class Fitter:
             if self.effects[cause.name].threshold:
                 for k in range(len(cause.params)):
                     fit = self._best_of(fit, self._begun(fit.causes, i, k))
+                at = sum(len(c.params) for c in fit.causes[:i])
                 for grid in range(first[i], len(GRIDS)):
-                    for k in range(len(cause.params)):
+                    for k in set(range(len(cause.params))) - {held - at for held in self.held_at}:
                         fit = self._best_of(fit, self._scaled(fit.causes, i, k, GRIDS[grid]))
         return fit
 

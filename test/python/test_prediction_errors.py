@@ -266,7 +266,7 @@ def test_folds_do_not_jump_over_a_threshold():
     u[100:400:3, 1] = 0.2001
     fitter = fitter_of(log_of(u, [bridge.Effect("dead_band", (0.1, 0.2))]))
     fit = fitter.fit_of([Cause("dead_band", (0.1, 0.2000999))])
-    folds = np.repeat(ahead._folds(fitter.path), 3)
+    folds = np.repeat(ahead.folds(fitter.path), 3)
     for fold, causes in enumerate(ahead.held_out(fitter, fit)):
         rest = folds != fold
         assert np.sum(fitter.fit_of(causes).left[rest] ** 2) <= np.sum(fit.left[rest] ** 2) + 1e-9

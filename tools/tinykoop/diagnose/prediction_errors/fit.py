@@ -162,7 +162,10 @@ class Fitter:
     def refine(self, fit, steps=8):
         """Damped Gauss-Newton steps, then what has no slope, size by size."""
         first = [NEAR * (cause.params not in self.effects[cause.name].starts) for cause in fit.causes]
-        return self._thresholds(self._descend(fit, steps), first) if fit.causes else fit
+        if not fit.causes:
+            return fit
+        found = self._descend(fit, steps)
+        return found if self.smooth else self._thresholds(found, first)
 
     def _descend(self, fit, steps):
         damping = 1e-3

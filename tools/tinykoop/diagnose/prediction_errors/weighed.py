@@ -19,22 +19,21 @@ STEPS = (10, 20, 50)
 OUT = 4.0  # times the error of a perfect model, that a prediction counts for at most
 BETTER = 0.02  # of the error at the longest horizon, that must go for the sizes to be taken
 NEAR = 0.08  # of what a cause is worth, by which another form of it, or none, may be worth less and serve predictions better
+ERRORS = 2.0  # standard errors, by which a simpler set may be worse
 TURNS = 3  # of other forms
 BLOCK = 100  # rows that count as one observation: twice the longest horizon
 
 
 class Ahead(Fitter):
-    """Fits causes to predictions from rows `starts` of the path. only: of these, which (S,)."""
+    """Fits causes to predictions from rows `starts` of the path."""
 
     smooth = True  # over so many steps, each threshold is passed by some
 
-    def __init__(self, path, noise, starts, only=None):
+    def __init__(self, path, noise, starts):
         super().__init__(path, noise)
         self.starts = starts
         variance = path.noises.ahead(path, noise, starts, STEPS)
         self._weights = 1 / np.sqrt(np.mean(variance, axis=0))
-        if only is not None:
-            self._weights = self._weights * only[:, None, None]
         self._each = variance[0].size
 
     def lefts(self, trials):
@@ -74,31 +73,23 @@ def sized(search, state, starts):
 
 def _squares(path, state, starts, weighed=True):
     """Squared errors (S, H) of each prediction over those of a perfect model, with sizes from the other folds."""
-    whole = Ahead(path, state.noise, starts)
-    if weighed:
-        causes, fold = whole.refine(whole.fit_of(state.causes)).causes, ahead.folds(path)[starts]
-        fits = [_without_fold(path, state.noise, starts, causes, fold != f) for f in range(ahead.FOLDS)]
-    else:
-        fits, fold = ahead.held_out(Fitter(path, state.noise), state.fit), ahead.folds(path)[starts]
+    whole, fold = Ahead(path, state.noise, starts), ahead.folds(path)[starts]
+    fit = whole.refine(whole.fit_of(state.causes)) if weighed else state.fit
+    fits = ahead.held_out(whole if weighed else Fitter(path, state.noise), fit)
     lefts = whole.lefts(fits).reshape(len(starts), len(STEPS), -1, ahead.FOLDS)
     return (np.take_along_axis(lefts, fold[:, None, None, None], 3)[..., 0] ** 2).sum(2)
-
-
-def _without_fold(path, noise, starts, causes, only):
-    fitter = Ahead(path, noise, starts, only)
-    return fitter.refine(fitter.fit_of(causes), 2).causes
 
 
 def chosen(search, state, starts):
     """The state with the forms of its causes that serve predictions best, of those that steps hardly tell from each other.
 
-    The simplest of those that are no worse than the best by more than a standard error.
+    The simplest of those that are not clearly worse than the best.
     """
     for _ in range(TURNS if state.causes and moves(search.path, state.noise) else 0):
         trials = [state.fit, *_others(search, state)]
         squares = [_squares(search.path, replace(state, fit=fit), starts).mean(1) for fit in trials]
         best = squares[int(np.argmin([s.mean() for s in squares]))]
-        fine = [i for i, s in enumerate(squares) if s.mean() - best.mean() <= _error(s - best, starts)]
+        fine = [i for i, s in enumerate(squares) if s.mean() - best.mean() <= ERRORS * _error(s - best, starts)]
         first = min(fine, key=lambda i: (_sizes(trials[i]), squares[i].mean()))
         if first == 0:
             break

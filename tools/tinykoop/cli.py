@@ -39,6 +39,12 @@ def _your_log(add):
     limit = "exit status 1 if the simulator's error at the longest horizon is larger (m, rad, ..), in any of the logs"
     gap.add_argument("--max-gap", type=float, metavar="SIZE", help=limit)
     gap.add_argument("--mcap", metavar="OUT.mcap", help="also write measured and predicted paths, residuals and events, for Foxglove")
+    gap.add_argument(
+        "--pool", action="store_true", help="for several logs of one robot: also fit them together, with sizes common or per group"
+    )
+    gap.add_argument(
+        "--groups", nargs="+", metavar="LABEL", help="with --pool: the ground, tyres or battery of each log (default: each log its own)"
+    )
     gap.add_argument("--jobs", type=int, help="for several logs: processes (default: all cores)")
     gap.add_argument("--cluster", help="for several logs: address of a Dask scheduler that shares these folders")
     robot = add("robot", "your own robot: write its file, check it against a log (docs/own-robot.md)", out=False)
@@ -250,8 +256,12 @@ def dispatch(a):
         study.run(a.out, a.runs, a.update)
     elif a.command == "diagnose":
         from . import diagnose
-        from .diagnose import several
+        from .diagnose import pooled, several
 
+        if a.pool:
+            pooled.check(a.log, a.groups)
+        elif a.groups:
+            raise UserError("--groups: labels of logs that are fitted together; add --pool")
         out = a.out / "diagnose" if a.out == OUT else a.out
         if len(a.log) == 1:
             result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim, a.mcap)
@@ -262,6 +272,8 @@ def dispatch(a):
             raise UserError("--mcap: the recording of one log; give one log")
         else:
             reports = several.run(a.log, out, _options(a), a.jobs, a.cluster)
+            if a.pool:
+                pooled.run(reports, out, a.groups, a.robot, a.without, a.healthy)
             return sum(diagnose.exceeds(report, a.max_gap, log) for log, report in reports) > 0  # each says so
     elif a.command == "robot":
         from .diagnose.robots import check, new

@@ -50,16 +50,22 @@ def inside(segments, end):
     return [[float(max(a, 0.0)), float(min(b, end))] for a, b in segments]
 
 
+def limits(fitter, fit):
+    """[{parameter: its 95 % interval}] of the causes of a fit."""
+    out, at, intervals = [], 0, judge.intervals(fitter, fit)
+    for i, cause in enumerate(fit.causes):
+        spec = fitter.effects[cause.name].parameters
+        out.append({p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)})
+        at += len(spec)
+    return out
+
+
 def effects(found):
     """The `effects` of the report."""
-    path, fitter, fit, out, at = found.path, found.sizes, found.sizes.fit_of(found.fit.causes), [], 0
-    intervals = judge.intervals(fitter, fit)
-    for i, (cause, proof) in enumerate(zip(fit.causes, found.proofs)):
-        spec = path.effects[cause.name].parameters
-        limits = {p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)}
-        at += len(spec)
-        proved = {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": limits, "at_bound": fitter.held(cause)}
-        out.append(told(path, cause) | proved)
+    fitter, out = found.sizes, []
+    for cause, proof, interval in zip(found.fit.causes, found.proofs, limits(fitter, fitter.fit_of(found.fit.causes))):
+        proved = {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": interval, "at_bound": fitter.held(cause)}
+        out.append(told(found.path, cause) | proved)
     return out
 
 

@@ -57,10 +57,15 @@ def errors(path, causes, starts):
 
 def missed(fitter, fit, starts):
     """Measured less predicted (S, H, c), each prediction with the sizes of the other folds."""
-    path, fold = fitter.path, folds(fitter.path)[starts]
-    if not fit.causes:
+    return missed_by(fitter.path, held_out(fitter, fit), starts)
+
+
+def missed_by(path, causes, starts):
+    """missed(), causes (FOLDS) being those for each fold."""
+    if not any(causes):
         return path.ahead((), starts, HORIZONS)
-    parts = {f: path.ahead(causes, starts[fold == f], HORIZONS) for f, causes in enumerate(held_out(fitter, fit)) if (fold == f).any()}
+    fold = folds(path)[starts]
+    parts = {f: path.ahead(some, starts[fold == f], HORIZONS) for f, some in enumerate(causes) if (fold == f).any()}
     out = np.empty((len(starts), *next(iter(parts.values())).shape[1:]))
     for f, part in parts.items():
         out[fold == f] = part

@@ -117,14 +117,14 @@ def preferred(search, state, fit, every):
     return fit
 
 
-def _steadiness(fit, rest):
+def steadiness(fit, rest):
     """(the share that a cause gains of what it gains and loses from one stretch of the log to the next, standard errors of the mean gain)."""
     gains = np.array([part.sum() for part in np.array_split(rest.left**2 - fit.left**2, STRETCHES)])
     errors = gains.mean() / max(gains.std(ddof=1) / np.sqrt(STRETCHES), 1e-12)
     return float(np.maximum(gains, 0).sum() / max(np.abs(gains).sum(), 1e-12)), float(errors)
 
 
-def _certainty(path, worth, main, steadiness, left, alike):
+def certainty(path, worth, main, steadiness, left, alike):
     """How sure it is that a cause acts, if no rival does.
 
     worth: squares that its absence costs; main: those of the cause that is worth most; alike: whether it is a lookalike. What the form of
@@ -139,6 +139,19 @@ def _certainty(path, worth, main, steadiness, left, alike):
     return float(special.expit(odds)) * (DOUBT if alike or not left.white else 1.0)
 
 
+def confidences(path, sure, left, behind, others, absorbed=0.0):
+    """(confidence in a cause, that it is this one or one of `others`), if it is so sure that it acts should no rival.
+
+    behind: {rival: squares, by which it is worse}, "" being none; absorbed: largest share of what the cause does that a rival takes.
+    """
+    heat = 2.0 * (1 + 50 * left.share * (not path.calibrated))
+    odds = {name: np.exp(-min(max(worse, 0) / heat, 700)) for name, worse in behind.items()}
+    same = sum(odds.pop(name, 0.0) for name in others)
+    sure *= (1 - left.share * left.matters) / (1 + sum(odds.values()))
+    sure = min(sure, UNSURE if path.steady else 1.0, MISTAKABLE if absorbed > path.alias else 1.0)
+    return float(sure / (1 + same)), float(sure)
+
+
 def proofs(search, fit, rests, every, left):
     """[Proof] of each cause of a fit; every: all_rivals()."""
     out, worths = [], [max(rest.cost - fit.cost, 0.0) for rest in rests]
@@ -148,19 +161,11 @@ def proofs(search, fit, rests, every, left):
         behind = {called(r): r.cost - fit.cost for r in rivals}
         others = [n for n, d in behind.items() if (d < search.price and absorbed[n] > 0.5) or absorbed[n] > search.path.alias]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
-        heat = 2.0 * (1 + 50 * left.share * (not search.path.calibrated))
-        odds = {n: np.exp(-min(max(d, 0) / heat, 700)) for n, d in [*behind.items(), ("", worth)]}
-        same = sum(odds.pop(n, 0.0) for n in others)
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
-        sure = (
-            (1 - left.share * left.matters)
-            * _certainty(search.path, worth, max(worths), _steadiness(fit, rest), left, alike)
-            / (1 + sum(odds.values()))
-        )
-        sure = min(
-            sure, UNSURE if search.path.steady else 1.0, MISTAKABLE if max(absorbed.values(), default=0) > search.path.alias else 1.0
-        )
-        out.append(Proof(float(worth), float(sure / (1 + same)), tuple(others), rest, absorbed, float(sure)))
+        sure = certainty(search.path, worth, max(worths), steadiness(fit, rest), left, alike)
+        most = max(absorbed.values(), default=0)
+        confidence, any_name = confidences(search.path, sure, left, {**behind, "": worth}, others, most)
+        out.append(Proof(float(worth), confidence, tuple(others), rest, absorbed, any_name))
     return out
 
 

@@ -37,9 +37,9 @@ class State:
 class States:
     """The states of one path. There is one fitter: at() gives it the noise of a state."""
 
-    def __init__(self, path):
+    def __init__(self, path, fitter=None):
         self.path = path
-        self.fitter = Fitter(path, path.noises.first(path))
+        self.fitter = fitter or Fitter(path, path.noises.first(path))
         self.sensor = self.fitter.noise
         self.digit, self.edge = np.log(self.fitter.degrees / path.alike_rows), np.log(self.fitter.degrees)
         self.price = self.digit + 2 * np.log(max(len(path.effects), 2))

@@ -54,6 +54,11 @@ def _healthy(logs, log):
     return tuple(as_fast(c, path.effects[c.name].parameters, *map(seconds, (whole, log))) for c in causes)
 
 
+def path_of(log, without=(), healthy=()):
+    """The Path of a log beside what healthy logs have."""
+    return Path(log, without, base=_healthy(healthy, log))
+
+
 def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
     """The Diagnosis of a log (bridge.Log).
 
@@ -64,7 +69,7 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
     dead = None if standing.EFFECT in without else links.dead(log, speeds)
     if dead:
         return standing.diagnosis(log, dead, speeds)
-    path = Path(log, without, base=_healthy(healthy, log))
+    path = path_of(log, without, healthy)
     found = answer(path)
     pairs, hidden = open_questions(found)
     advice = advise.advise(path, found.fitter, pairs, hidden)

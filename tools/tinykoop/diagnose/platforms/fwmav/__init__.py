@@ -4,7 +4,7 @@ Data flow: vehicle (the observer) -> baseline (healthy flights), vibration -> pa
 diagnosis, where, advise (the report) -> told, figures (what people read).
 """
 
-from .diagnosis import diagnose, load, read
+from .diagnosis import diagnose, load, path_of, read
 from .told import Flight as Teller
 
-__all__ = ["Teller", "diagnose", "load", "read"]
+__all__ = ["Teller", "diagnose", "load", "path_of", "read"]

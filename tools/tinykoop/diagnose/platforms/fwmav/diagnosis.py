@@ -75,6 +75,12 @@ def baseline_of(logs):
     return own
 
 
+def path_of(log, without=(), healthy=()):
+    """The Path of a flight beside healthy ones."""
+    _, noise, parts = _shaken(log, baseline_of(healthy) if healthy else simulated())
+    return noise.path(log, parts, without)
+
+
 def diagnose(log, fresh=None, without=(), healthy=()):
     """The Diagnosis of a flight (bridge.Log); healthy: flights of this vehicle, which else is the simulated one."""
     check_effects(without, bridge.effects(name))

@@ -66,6 +66,11 @@ def _add_fields(effects, robot):
             effect |= {"field": known[effect["name"]].field, "value": known[effect["name"]].value}
 
 
+def path_of(log, robot, without=(), healthy=()):
+    """The Path of a log beside what healthy logs have."""
+    return _checked(robot, log, without=without, before=_healthy(healthy, robot))
+
+
 def diagnose(log, robot, fresh=None, without=(), healthy=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
     before = _healthy(healthy, robot)

@@ -1,0 +1,127 @@
+"""From the paths of several logs to what is said of all: common sizes and sizes per group, how sure each effect is, how far each gap closes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import ahead, judge, openset
+from .fit import ALWAYS
+from .pool import Pool
+from .states import MARGIN, State, States
+
+
+@dataclass(frozen=True)
+class Joint:
+    """An effect in all logs: its causes, what its absence would cost, how sure it is, what else it may be, and what it is not."""
+
+    causes: tuple
+    worth: float
+    confidence: float
+    any_name: float
+    others: tuple  # rivals that all logs together leave
+    settled: tuple  # those that they rule out, and one of them alone does not
+
+
+@dataclass
+class JointAnswer:
+    """before, after, floor: [{gap: errors (S, H)}], one of each log."""
+
+    pool: Pool
+    state: State
+    joints: list
+    verdict: str
+    before: list
+    after: list
+    floor: list
+
+
+def _started(path, causes):
+    """States of one log, the noise being that beside its own causes."""
+    states = States(path)
+    state = states.referred(states.likeliest(states.fitter.fit_of(causes)))
+    states.with_coloured_noise(states.robust(state))
+    return states
+
+
+def answer(paths, groups, known, alike):
+    """The JointAnswer; groups: [numbers of the logs of a group]; known: causes of each log; alike: {effect: names of what may be it}."""
+    logs = [_started(path, causes) for path, causes in zip(paths, known)]
+    pool = Pool(logs, groups, known)
+    state, rivals = _best(pool, pool.run(alike), alike)
+    parts = [_ahead(pool, state, k) for k in range(len(logs))]
+    left = _left([part[-1] for part in parts])
+    joints = _joints(pool, state, rivals, left)
+    before, after, floor, _ = map(list, zip(*parts))
+    return JointAnswer(pool, state, joints, judge.verdict(pool.path, joints, left), before, after, floor)
+
+
+# ---- which effects ---------------------------------------------------------------------------------------
+
+
+def _best(pool, state, alike):
+    """(state, {effect: [(names of others, fit with these instead)]}); with one of these as the state, if that is worth more."""
+    rivals = {name: _rivals(pool, state, name, alike) for name in dict.fromkeys(c.name for c in state.causes if c.segments == ALWAYS)}
+    best = min((fit for some in rivals.values() for _, fit in some), key=pool.priced, default=state.fit)
+    if pool.priced(best) < pool.priced(state.fit) - MARGIN:
+        better = pool.simplified(pool.settled(state, best))
+        if pool.worth(better) < pool.worth(state) - MARGIN:
+            return _best(pool, better, alike)
+    return state, rivals
+
+
+def _rivals(pool, state, name, alike):
+    rest = tuple(c for c in state.causes if c.name != name or c.segments != ALWAYS)
+    found = []
+    for others in pool.instead(state.fit.names, name, alike):
+        fit = pool.refined(state, pool.begun(rest, others))
+        found.append((others, pool.plainer(state, fit)))
+    return found
+
+
+def _joints(pool, state, rivals, left):
+    """[Joint], the effect that is worth most first."""
+    fitter, fit = pool.at(state), state.fit
+    parts = [tuple(c for c in fit.causes if c.name == name and c.segments == ALWAYS) for name in rivals]
+    parts += [(c,) for c in fit.causes if c.segments != ALWAYS]
+    rests = [fitter.refine(fitter.fit_of(c for c in fit.causes if c not in part), 5) for part in parts]
+    worths = [max(rest.cost - fit.cost, 0.0) for rest in rests]
+    found = []
+    for part, rest, worth in zip(parts, rests, worths):
+        alike = any(part[0].name in names for names in pool.path.lookalikes if names <= set(fit.names))
+        sure = judge.certainty(pool.path, worth, max(worths), judge.steadiness(fit, rest), left, alike)
+        found.append(_joint(pool, state, part, worth, sure, rivals.get(part[0].name, ()), left))
+    return sorted(found, key=lambda joint: -joint.worth)
+
+
+def _joint(pool, state, part, worth, sure, rivals, left):
+    behind = {}
+    for others, fit in rivals:
+        for name in others:
+            worse = pool.priced(fit) - pool.priced(state.fit) if name in fit.names else np.inf
+            behind[name] = min(behind.get(name, np.inf), worse)
+    others = tuple(name for name, worse in behind.items() if worse < pool.price)
+    confidence, any_name = judge.confidences(pool.path, sure, left, {**behind, "": worth}, others)
+    return Joint(part, worth, confidence, any_name, others, tuple(name for name in behind if name not in others))
+
+
+# ---- how far predictions are off ---------------------------------------------------------------------------
+
+
+def _ahead(pool, state, k):
+    """(before, after, floor, Left) of log k; each prediction has sizes that all logs tell but for the rows about it."""
+    pool.at(state)
+    folds = [pool.path.of(causes, k) for causes in ahead.held_out(pool.fitter, state.fit)]
+    log, own = pool.logs[k], pool.split(state)[k]
+    path = log.path
+    path.tell_hidden(own.noise)
+    starts = ahead.starts_of(path)
+    missed = ahead.missed_by(path, folds, starts)
+    before, after = ahead.errors(path, (), starts), ahead.sizes(path, missed)
+    boxed, box = openset.boxed(log, own, missed, starts)
+    floor = judge.floors(path, own.noise, before, after, boxed, starts)
+    return before, after, floor, judge.left(log, own, before, after, boxed, floor, box, starts)
+
+
+def _left(lefts):
+    """Of the log in which most is left that matters; white if all are."""
+    return replace(max(lefts, key=lambda left: left.matters * left.share), white=all(left.white for left in lefts))

@@ -96,15 +96,14 @@ def _report(found, members, logs):
     every = [_effect(joint, fitter, sizes, members, logs) for joint in found.joints]
     named = [found.verdict != "unknown" and judge.established(pool.path, joint) for joint in found.joints]
     effects = [effect for effect, sure in zip(every, named) if sure]
-    title = lambda name: fitter.effects[name].reported_as  # noqa: E731
-    told = {title(joint.causes[0].name): joint for joint in found.joints}
+    told = [(effect["name"], joint, sure) for effect, joint, sure in zip(every, found.joints, named)]
     parts = zip(pool.path.paths, found.before, found.after, found.floor)
     return {
         "verdict": found.verdict,
         "effects": effects,
         "best_fit": every if len(effects) < len(every) else [],
-        "ambiguous_with": {name: list(joint.others) for name, joint in told.items() if joint.others},
-        "settled": {name: list(joint.settled) for name, joint in told.items() if joint.settled},
+        "ambiguous_with": {name: list(joint.others) for name, joint, _ in told if joint.others},
+        "settled": {name: list(joint.settled) for name, joint, sure in told if sure and joint.settled},
         "gap": {str(log): gaps(path, *errors)["gap"] for log, (path, *errors) in zip(logs, parts)},
     }
 
@@ -134,25 +133,33 @@ def _effect(joint, fitter, sizes, members, logs):
 def _show(report):
     logs, groups = sum(map(len, report["groups"].values())), len(report["groups"])
     effects = report["best_fit"] or report["effects"]
-    say(f"\n{logs} logs in {groups} groups, fitted together: {report['verdict']}.", "bold")
+    say(f"\n{logs} logs in {groups} group{'s' * (groups > 1)}, fitted together: {report['verdict']}.", "bold")
     for sentence in _sentences(report):
         say(f"  {sentence}")
     if effects:
-        headers = ("effect", "group", "parameter", "value", "95 % interval", "confidence")
-        print_table("Effects of all logs", headers, [row for effect in effects for row in _rows(effect)])
+        best = "" if not report["best_fit"] else "; this is the best fit, and not all of them are established"
+        print_table(f"Effects{best}", ("effect", "size", "evidence", "confidence"), [_line(effect) for effect in effects])
+        headers = ("effect", "group", "parameter", "value", "95 % interval")
+        print_table("Sizes", headers, [row for effect in effects for row in _rows(effect)])
     print_table(
         "Errors at the longest horizon", ("log", "before", "after", "floor", "closed"), [_gap(*pair) for pair in report["gap"].items()]
     )
 
 
+def _line(effect):
+    size = "common" if effect["common"] else "in a part of one log" if "log" in effect else "per group"
+    return words.title(effect["name"]), size, words.plain(effect["evidence"], 3), words.plain(effect["confidence"])
+
+
 def _rows(effect):
-    """Of the table: a line for each parameter in each group."""
+    """Of the table of sizes: a line for each parameter in each group, or in several that share it."""
     sizes = effect.get("per_group") or {Path(effect["log"]).stem if "log" in effect else "all": effect}
-    sure = words.plain(effect["confidence"])
+    alike = {}
     for group, size in sizes.items():
-        known = words.parameters(effect | size) if size else [("", "absent", "", ())]
-        for name, value, interval, _ in known:
-            yield words.title(effect["name"]), group, name, value, interval, sure
+        alike.setdefault(str(size), ([], size))[0].append(group)
+    for groups, size in alike.values():
+        for name, value, interval, _ in words.parameters(effect | size) if size else [("", "absent", "", ())]:
+            yield words.title(effect["name"]), ", ".join(groups), name, value, interval
 
 
 def _gap(log, gap):

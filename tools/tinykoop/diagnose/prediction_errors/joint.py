@@ -43,14 +43,24 @@ def _started(path, causes):
     return states
 
 
+def _pool(paths, groups, known):
+    return Pool([_started(path, causes) for path, causes in zip(paths, known)], groups, known)
+
+
 def answer(paths, groups, known, alike):
-    """The JointAnswer; groups: [numbers of the logs of a group]; known: causes of each log; alike: {effect: names of what may be it}."""
-    logs = [_started(path, causes) for path, causes in zip(paths, known)]
-    pool = Pool(logs, groups, known)
-    state, rivals = _best(pool, pool.run(alike), alike)
-    parts = [_ahead(pool, state, k) for k in range(len(logs))]
+    """The JointAnswer; groups: [numbers of the logs of a group]; known: causes of each log; alike: {effect: names of what may be it}.
+
+    Which effects there are and what they share is decided on fewer rows, where logs are long.
+    """
+    fewer = [path.coarse() or path for path in paths]
+    pool = _pool(fewer, groups, known)
+    state, behind = _best(pool, pool.run(alike), alike)
+    if fewer != paths:
+        pool = _pool(paths, groups, known)
+        state = pool.begun_at(state)
+    parts = [_ahead(pool, state, k) for k in range(len(paths))]
     left = _left([part[-1] for part in parts])
-    joints = _joints(pool, state, rivals, left)
+    joints = _joints(pool, state, behind, left)
     before, after, floor, _ = map(list, zip(*parts))
     return JointAnswer(pool, state, joints, judge.verdict(pool.path, joints, left), before, after, floor)
 
@@ -59,17 +69,19 @@ def answer(paths, groups, known, alike):
 
 
 def _best(pool, state, alike):
-    """(state, {effect: [(names of others, fit with these instead)]}); with one of these as the state, if that is worth more."""
-    rivals = {name: _rivals(pool, state, name, alike) for name in dict.fromkeys(c.name for c in state.causes if c.segments == ALWAYS)}
+    """(state, {effect: {rival: squares and price, by which it is worse}}); with a rival as the state, if that is worth more."""
+    names = dict.fromkeys(c.name for c in state.causes if c.segments == ALWAYS)
+    rivals = {name: _rivals(pool, state, name, alike) for name in names}
     best = min((fit for some in rivals.values() for _, fit in some), key=pool.priced, default=state.fit)
     if pool.priced(best) < pool.priced(state.fit) - MARGIN:
         better = pool.simplified(pool.settled(state, best))
         if pool.worth(better) < pool.worth(state) - MARGIN:
             return _best(pool, better, alike)
-    return state, rivals
+    return state, {name: _behind(pool, state, some) for name, some in rivals.items()}
 
 
 def _rivals(pool, state, name, alike):
+    """[(names, fit with these instead of an effect)]."""
     rest = tuple(c for c in state.causes if c.name != name or c.segments != ALWAYS)
     found = []
     for others in pool.instead(state.fit.names, name, alike):
@@ -78,27 +90,32 @@ def _rivals(pool, state, name, alike):
     return found
 
 
-def _joints(pool, state, rivals, left):
-    """[Joint], the effect that is worth most first."""
-    fitter, fit = pool.at(state), state.fit
-    parts = [tuple(c for c in fit.causes if c.name == name and c.segments == ALWAYS) for name in rivals]
-    parts += [(c,) for c in fit.causes if c.segments != ALWAYS]
-    rests = [fitter.refine(fitter.fit_of(c for c in fit.causes if c not in part), 5) for part in parts]
-    worths = [max(rest.cost - fit.cost, 0.0) for rest in rests]
-    found = []
-    for part, rest, worth in zip(parts, rests, worths):
-        alike = any(part[0].name in names for names in pool.path.lookalikes if names <= set(fit.names))
-        sure = judge.certainty(pool.path, worth, max(worths), judge.steadiness(fit, rest), left, alike)
-        found.append(_joint(pool, state, part, worth, sure, rivals.get(part[0].name, ()), left))
-    return sorted(found, key=lambda joint: -joint.worth)
-
-
-def _joint(pool, state, part, worth, sure, rivals, left):
+def _behind(pool, state, rivals):
     behind = {}
     for others, fit in rivals:
         for name in others:
             worse = pool.priced(fit) - pool.priced(state.fit) if name in fit.names else np.inf
             behind[name] = min(behind.get(name, np.inf), worse)
+    return behind
+
+
+def _joints(pool, state, behind, left):
+    """[Joint], the effect that is worth most first."""
+    fitter, fit = pool.at(state), state.fit
+    parts = [tuple(c for c in fit.causes if c.name == name and c.segments == ALWAYS) for name in behind]
+    parts += [(c,) for c in fit.causes if c.segments != ALWAYS]
+    rests = [fitter.refine(fitter.fit_of(c for c in fit.causes if c not in part), 5) for part in parts]
+    worths = [max(rest.cost - fit.cost, 0.0) for rest in rests]
+    found = []
+    for part, rest, worth in zip(parts, rests, worths):
+        name, whole = part[0].name, part[0].segments == ALWAYS
+        alike = any(name in names for names in pool.path.lookalikes if names <= set(fit.names))
+        sure = judge.certainty(pool.path, worth, max(worths), judge.steadiness(fit, rest), left, alike)
+        found.append(_joint(pool, part, worth, sure, behind[name] if whole else {}, left))
+    return sorted(found, key=lambda joint: -joint.worth)
+
+
+def _joint(pool, part, worth, sure, behind, left):
     others = tuple(name for name, worse in behind.items() if worse < pool.price)
     confidence, any_name = judge.confidences(pool.path, sure, left, {**behind, "": worth}, others)
     return Joint(part, worth, confidence, any_name, others, tuple(name for name in behind if name not in others))

@@ -17,6 +17,8 @@ from .states import State, States
 
 KEPT = 6.4e7  # bytes of residuals of one log that are not worked out again
 FULLY = 4  # sets of effects that are simplified
+TRIED = 3  # simpler sets that are fitted in full
+NOTHING = 1e-9  # of what is told of a size: what is less is round-off
 TURNS = 2  # of sizes and noise
 
 
@@ -112,8 +114,8 @@ class Pool(States):
     def at(self, state):
         before = self.fitter.noise, self.path.variant, self.path.motion
         self.path.about(state.causes)
-        for log, own in zip(self.logs, self.split(state)):
-            log.at(own)
+        for k, log in enumerate(self.logs):
+            log.at(replace(state, noise=state.noise[k], fit=replace(state.fit, causes=self.path.of(state.causes, k))))
         self.fitter.noise = state.noise
         self.path.changes += any(a is not b for a, b in zip(before, (state.noise, state.variant, state.motion)))
         return self.fitter
@@ -142,6 +144,11 @@ class Pool(States):
             state = self.likeliest(self.exact(self.fitter.refine(self.fitter.fit_of(fit.causes))))
             fit = state.fit
         return state
+
+    def begun_at(self, coarse):
+        """The state of these paths from that of the same logs with fewer rows."""
+        state = replace(coarse, noise=self.fitter.noise)
+        return self.settled(state, self.at(state).fit_of(coarse.causes))
 
     # ---- sets of effects -----------------------------------------------------------------------------------
 
@@ -201,25 +208,39 @@ class Pool(States):
 
     def plainer(self, state, fit=None):
         """The fit that simplified() comes to under the noise of a state."""
-        fit = fit or state.fit
-        while True:
-            fits = [self.refined(state, causes, 3) for causes in self._fewer(fit.causes)]
-            best = min(fits, key=self.priced, default=fit)
-            if self.priced(best) >= self.priced(fit):
-                return fit
-            fit = best
+        better = fit = fit or state.fit
+        while better:
+            fit = better
+            likely = (self.refined(state, causes, 3) for causes in self._likely(self.at(state).fit_of(fit.causes)))
+            better = next((found for found in likely if self.priced(found) < self.priced(fit)), None)
+        return fit
+
+    def _likely(self, fit):
+        """[causes] simpler than those of a fit, that pay by its slopes if the others make up for what they can."""
+        J, ends = self.fitter.jacobian(fit), np.cumsum([0, *(len(c.params) for c in fit.causes)])
+        unit, gram, trials = np.eye(ends[-1]), J.T @ J, list(self._fewer(fit.causes))
+        prices = []
+        for (causes, were), left in zip(trials, self.fitter.lefts([causes for causes, _ in trials]).T if trials else ()):
+            T = np.concatenate([unit[:, :0], *(sum(unit[:, ends[i] : ends[i + 1]] for i in some) for some in were)], 1)
+            slope = T.T @ (J.T @ left)
+            gain = slope @ np.linalg.pinv(T.T @ gram @ T, NOTHING, hermitian=True) @ slope
+            prices.append(left @ left - gain + self.fitter.guesses(causes) + self.costs(causes))
+        best = {}
+        for i in np.argsort(prices):
+            if prices[i] < self.priced(fit):
+                best.setdefault(tuple(trials[i][1]), trials[i][0])
+        return list(best.values())[:TRIED]
 
     def _fewer(self, causes):
-        """[causes] without one, or with one instead of two or all of a name."""
-        whole = [c for c in causes if c.segments == ALWAYS]
-        alike = [[c for c in whole if c.name == name] for name in dict.fromkeys(c.name for c in whole)]
-        some = dict.fromkeys(tuple(part) for causes in alike for part in (*combinations(causes, 2), causes) if len(part) > 1)
-        merged = [self._best(self._merged(causes, part)) for part in some]
-        dropped = [tuple(c for c in causes if c not in part) for part in dict.fromkeys([*((c,) for c in causes), *map(tuple, alike)])]
-        return merged + dropped
-
-    def _merged(self, causes, part):
-        """[causes] with one instead of some, of the size of one of them or of their mean."""
-        sizes = [*(c.params for c in part), tuple(np.mean([c.params for c in part], axis=0).tolist())]
-        logs = tuple(sorted(k for c in part for k in c.logs))
-        return [tuple(replace(c, params=p, logs=logs) if c is part[0] else c for c in causes if c not in part[1:]) for p in sizes]
+        """(causes, which of the former each of them was) without some of an effect, or with one size for several."""
+        every = range(len(causes))
+        names = dict.fromkeys(c.name for c in causes if c.segments == ALWAYS)
+        alike = [tuple(i for i in every if causes[i].name == name and causes[i].segments == ALWAYS) for name in names]
+        for part in dict.fromkeys([*((i,) for i in every), *alike]):
+            yield tuple(causes[i] for i in every if i not in part), [(i,) for i in every if i not in part]
+        for part in dict.fromkeys(part for some in alike for part in (*combinations(some, 2), some) if len(part) > 1):
+            rest, logs = [i for i in every if i not in part[1:]], tuple(sorted(k for i in part for k in causes[i].logs))
+            sizes = [causes[i].params for i in part]
+            for params in (*sizes, tuple(np.mean(sizes, axis=0).tolist())):
+                one = replace(causes[part[0]], params=params, logs=logs)
+                yield tuple(one if i == part[0] else causes[i] for i in rest), [part if i == part[0] else (i,) for i in rest]

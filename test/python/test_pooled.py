@@ -1,14 +1,19 @@
 """Several logs of one robot fitted together: what they share, what each group has for itself, and what they settle."""
 
-import functools
 import json
 
 import numpy as np
 import pytest
-from test_diagnose import DT, drive, log_of
+from test_diagnose import DT, drive, log_of, usual
+from test_own_robot import CAR, example, written
 from tinykoop import bridge
 from tinykoop.diagnose import pooled
-from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.platforms import ddr, own
+from tinykoop.diagnose.prediction_errors.fit import Cause
+from tinykoop.diagnose.prediction_errors.pool import Pool, Shared
+from tinykoop.diagnose.prediction_errors.states import States
+from tinykoop.diagnose.robots import toml
+from tinykoop.diagnose.robots.log import read
 from tinykoop.plumbing.errors import UserError
 
 Effect = bridge.Effect
@@ -19,16 +24,24 @@ def held(commands, speed):
     return np.stack([np.full(len(commands), speed), commands[:, 1]], 1)
 
 
-def told(folder, logs, groups=None, without=("clock_scale",)):
-    """([report of each log by itself], pooled.json); logs: [(commands, effects)]. A clock error is exactly two gains."""
+WITHOUT = ("clock_scale",)  # a clock error is exactly two gains
+
+
+def diagnosed(folder, logs):
+    """[(file, report of the log by itself)]; logs: [(commands, effects)]."""
     files, reports = [], []
     for k, (u, effects) in enumerate(logs):
         log = log_of(u, effects, seed=k)
         files.append(folder / f"drive{k}.csv")
         bridge.write_log(files[-1], log.x, log.u, DT)
-        reports.append(ddr.diagnose(ddr.load(files[-1]), without=without).report | {"log_file": str(files[-1])})
-    pooled.run(list(zip(files, reports)), folder, groups, "ddr", without)
-    return reports, json.loads((folder / "pooled.json").read_text())
+        reports.append(ddr.diagnose(ddr.load(files[-1]), without=WITHOUT).report)
+    return list(zip(files, reports))
+
+
+def told(reports, folder, groups=None):
+    """pooled.json."""
+    pooled.run(reports, folder, groups, "ddr", WITHOUT)
+    return json.loads((folder / "pooled.json").read_text())
 
 
 def by_name(report):
@@ -48,8 +61,9 @@ LAGS = {"drive0": 0.05, "drive1": 0.18}  # s
 @pytest.fixture(scope="module")
 def grounds(tmp_path_factory):
     """Two logs with the same yaw gain of 0.1, and another lag each."""
-    logs = [(drive(500, k + 1), [Effect("yaw_gain", (0.1,)), Effect("actuator_lag", (tau,))]) for k, tau in enumerate(LAGS.values())]
-    return told(tmp_path_factory.mktemp("grounds"), logs)
+    logs = [(drive(400, k + 1), [Effect("yaw_gain", (0.1,)), Effect("actuator_lag", (tau,))]) for k, tau in enumerate(LAGS.values())]
+    reports = diagnosed(tmp_path_factory.mktemp("grounds"), logs)
+    return reports, told(reports, tmp_path_factory.mktemp("pooled"))
 
 
 def test_a_common_size_has_a_narrower_interval_than_in_any_log_by_itself(grounds):
@@ -57,7 +71,7 @@ def test_a_common_size_has_a_narrower_interval_than_in_any_log_by_itself(grounds
     gain = by_name(report)["yaw_gain"]
     low, high = gain["params_ci95"]["b"]
     assert report["verdict"] == "known" and gain["common"] and low < 0.1 < high
-    assert all(width(gain, "b") < 0.95 * width(by_name(single)["yaw_gain"], "b") for single in singles)
+    assert all(width(gain, "b") < 0.95 * width(by_name(single)["yaw_gain"], "b") for _, single in singles)
 
 
 def test_what_differs_between_groups_has_a_size_in_each(grounds):
@@ -70,44 +84,113 @@ def test_what_differs_between_groups_has_a_size_in_each(grounds):
 
 def test_each_log_has_its_gap(grounds):
     singles, report = grounds
-    for single in singles:
-        gap = report["gap"][single["log_file"]]
+    for file, single in singles:
+        gap = report["gap"][str(file)]
         assert gap["before"] == pytest.approx(single["gap"]["before"]) and gap["closed_fraction"]["50"] > 0.95
         assert gap["after"]["50"] == pytest.approx(single["gap"]["after"]["50"], rel=0.05)
 
 
-def test_an_effect_may_be_absent_in_a_group(tmp_path):
-    logs = [(drive(450, k + 1), [Effect("yaw_gain", (0.1,)), *skid]) for k, skid in enumerate(([Effect("lateral_skid", (0.08,))], []))]
-    effects = by_name(told(tmp_path, logs)[1])
-    assert effects["yaw_gain"]["common"] and not effects["lateral_skid"]["common"]
-    there, absent = (effects["lateral_skid"]["per_group"][label] for label in ("drive0", "drive1"))
-    assert there["params"]["k"] == pytest.approx(0.08, rel=0.05) and absent is None
+def sizes(logs, groups, known):
+    """{effect: {logs of one size: that size}} of logs whose own causes are given."""
+    states = [States(ddr.Path(log_of(u, effects, seed=k))) for k, (u, effects) in enumerate(logs)]
+    found = {}
+    for cause in Pool(states, groups, known).run({}).causes:
+        found.setdefault(cause.name, {})[cause.logs] = cause.params
+    return found
 
 
-def test_logs_of_one_group_have_one_size(tmp_path):
-    logs = [(drive(450, k + 1), [Effect("yaw_gain", (b,))]) for k, b in enumerate((0.1, 0.1, -0.05))]
-    (gain,) = told(tmp_path, logs, ["floor", "floor", "grass"])[1]["effects"]
-    sizes = {label: size["params"]["b"] for label, size in gain["per_group"].items()}
-    assert sizes == {"floor": pytest.approx(0.1, abs=1e-3), "grass": pytest.approx(-0.05, abs=1e-3)}
+def test_an_effect_may_be_absent_in_a_group():
+    gain, skid = Cause("yaw_gain", (0.1,)), Cause("lateral_skid", (0.08,))
+    logs = [(drive(300, k + 1), [Effect(c.name, c.params) for c in causes]) for k, causes in enumerate(([gain, skid], [gain]))]
+    found = sizes(logs, [(0,), (1,)], [(gain, skid), (gain,)])
+    assert found == {"yaw_gain": {(0, 1): pytest.approx((0.1,), rel=0.02)}, "lateral_skid": {(0,): pytest.approx((0.08,), rel=0.05)}}
+
+
+def test_logs_of_one_group_have_one_size():
+    logs = [(drive(300, k + 1), [Effect("yaw_gain", (b,))]) for k, b in enumerate((0.1, -0.05, 0.1))]
+    found = sizes(logs, [(0, 2), (1,)], [(Cause("yaw_gain", (0.2,)),)] * 3)
+    assert found == {"yaw_gain": {(0, 2): pytest.approx((0.1,), abs=1e-3), (1,): pytest.approx((-0.05,), abs=1e-3)}}
 
 
 def test_healthy_logs_have_no_effect_together(tmp_path):
-    report = told(tmp_path, [(drive(400, k), []) for k in range(2)])[1]
+    report = told(diagnosed(tmp_path, [(drive(300, k), []) for k in range(2)]), tmp_path)
     assert report["verdict"] == "none" and not report["effects"] and not report["best_fit"]
+
+
+def test_a_threshold_is_common_where_each_log_locates_it_between_commands_of_its_own():
+    """No slope leads from the size in one log to that in another."""
+    logs = [(drive(400, k + 1), [Effect("dead_band", (0.12, 0.2)), Effect("speed_gain", (a,))]) for k, a in enumerate((0.1, -0.1))]
+    known = [(Cause("dead_band", band), Cause("speed_gain", (0.1,))) for band in ((0.1215, 0.2), (0.119, 0.202))]
+    found = sizes(logs, [(0,), (1,)], known)
+    assert set(found["dead_band"]) == {(0, 1)} and set(found["speed_gain"]) == {(0,), (1,)}
+    assert found["dead_band"][0, 1] == pytest.approx((0.12, 0.2), rel=0.03)
+
+
+def test_an_own_robot_has_sizes_per_group(tmp_path):
+    true, files = example(), []
+    true.ROWS = 400
+    for k, true.LAG in enumerate((0.12, 0.2)):
+        files.append(written(tmp_path / f"{k}.csv", true.drive(20 + k)))
+    car = toml.read(CAR / "car.toml")
+    reports = [own.diagnose(read(file, car), car).report for file in files]
+    report = pooled.run(list(zip(files, reports)), tmp_path, robot=str(CAR / "car.toml"))
+    (lag,) = report["effects"]
+    assert lag["name"] == "lag:steering" and lag["confidence"] > 0.9
+    assert [lag["per_group"][label]["params"]["tau"] for label in "01"] == pytest.approx([0.12, 0.2], rel=0.05)
+
+
+# ---- the fit ------------------------------------------------------------------------------------------------
+
+
+def pool_of(*logs):
+    states = [States(ddr.Path(log)) for log in logs]
+    return Pool(states, [(k,) for k in range(len(logs))], [()] * len(logs))
+
+
+def test_residuals_of_several_logs_are_those_of_each_and_a_cause_acts_in_its_logs():
+    pool = pool_of(log_of(drive(200, 1), usual("yaw_gain")), log_of(drive(150, 2), seed=1))
+    gain, lag = ((name, tuple(p.usual for p in pool.path.effects[name].parameters)) for name in ("yaw_gain", "actuator_lag"))
+    left = pool.fitter.fit_of([Shared(*gain, logs=(0, 1)), Shared(*lag, logs=(1,))]).left
+    alone = [log.fitter.fit_of(causes).left for log, causes in zip(pool.logs, ([Cause(*gain)], [Cause(*gain), Cause(*lag)]))]
+    np.testing.assert_array_equal(left, np.concatenate(alone))
+
+
+def test_a_common_gain_is_the_mean_of_those_of_each_log_weighted_by_what_they_tell():
+    """Least squares of two logs, from what each log by itself says of a linear effect."""
+    pool = pool_of(*(log_of(drive(rows, rows), [Effect("yaw_bias", (d,))], seed=rows) for rows, d in ((300, 0.02), (200, 0.021))))
+    begin = pool.fitter.fit_of([Shared("yaw_bias", (0.02,), logs=(0, 1))])
+    common = pool.fitter.refine(begin).causes[0].params[0]
+    alone = [log.fitter.refine(log.fitter.fit_of([Cause("yaw_bias", (0.02,))])) for log in pool.logs]
+    told = [float((log.fitter.jacobian(fit) ** 2).sum()) for log, fit in zip(pool.logs, alone)]
+    assert common == pytest.approx(np.average([fit.causes[0].params[0] for fit in alone], weights=told), rel=1e-4)
+
+
+def test_a_battery_loses_as_much_per_second_in_a_log_twice_as_long():
+    pool = pool_of(log_of(drive(201), []), log_of(drive(401), []))
+    sag = Shared("battery_sag", (0.1,), logs=(0, 1))
+    assert [pool.path.of([sag], k)[0].params for k in (0, 1)] == [(0.1,), pytest.approx((0.2,))]
+
+
+def test_an_effect_costs_its_choice_once_and_its_sizes_in_each_group():
+    pool = pool_of(log_of(drive(100), []), log_of(drive(100, 1), []))
+    first, second = (Shared("actuator_lag", (0.1,), logs=(k,)) for k in (0, 1))
+    choice = 2 * np.log(len(pool.path.effects))
+    assert pool.costs([first, second]) == pytest.approx(2 * pool.costs([first]) - choice)
 
 
 # ---- what several logs settle -------------------------------------------------------------------------------
 
 
-@functools.cache
-def asymmetry():
-    """Two drives of one speed each, on which driving straight turns the robot by 0.04 rad/m: a bias at one speed."""
-    return [(held(drive(450, k + 1), v), [Effect("wheel_asymmetry", (0.04,))]) for k, v in enumerate((0.6, 1.5))]
+@pytest.fixture(scope="module")
+def asymmetry(tmp_path_factory):
+    """Reports of two drives of one speed each, on which driving straight turns the robot by 0.04 rad/m: a bias at one speed."""
+    logs = [(held(drive(400, k + 1), v), [Effect("wheel_asymmetry", (0.04,))]) for k, v in enumerate((0.6, 1.5))]
+    return diagnosed(tmp_path_factory.mktemp("asymmetry"), logs)
 
 
-def test_what_each_log_leaves_ambiguous_is_settled_by_logs_of_one_group(tmp_path):
-    singles, report = told(tmp_path, asymmetry(), ["floor", "floor"])
-    for single in singles:
+def test_what_each_log_leaves_ambiguous_is_settled_by_logs_of_one_group(asymmetry, tmp_path):
+    report = told(asymmetry, tmp_path, ["floor", "floor"])
+    for _, single in asymmetry:
         ((name, others),) = single["ambiguous_with"].items()
         assert {name, *others} == {"wheel_asymmetry", "yaw_bias"}
     (effect,) = report["effects"]
@@ -115,9 +198,9 @@ def test_what_each_log_leaves_ambiguous_is_settled_by_logs_of_one_group(tmp_path
     assert report["settled"] == {"wheel_asymmetry": ["yaw_bias"]} and not report["ambiguous_with"]
 
 
-def test_what_may_differ_between_two_groups_stays_ambiguous(tmp_path):
+def test_what_may_differ_between_two_groups_stays_ambiguous(asymmetry, tmp_path):
     """A bias per group explains as much: only its further parameter speaks against it."""
-    report = told(tmp_path, asymmetry())[1]
+    report = told(asymmetry, tmp_path)
     assert report["ambiguous_with"] and not report["settled"]
 
 

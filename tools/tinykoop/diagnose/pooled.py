@@ -173,6 +173,6 @@ def _sentences(report):
     """What the logs settle together, and what they leave open."""
     for name, others in report["settled"].items():
         rest = words.listed(map(words.title, others), "or")
-        yield f"Together the logs show {words.title(name)}, where one of them by itself could not exclude {rest}."
+        yield f"Together the logs show {words.title(name)}. One of them by itself could not distinguish it from {rest}."
     for name, others in report["ambiguous_with"].items():
         yield f"Even together the logs cannot distinguish {words.title(name)} from {words.listed(map(words.title, others), 'or')}."

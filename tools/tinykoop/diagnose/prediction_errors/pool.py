@@ -5,7 +5,7 @@ some do not.
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from .states import State, States
 KEPT = 6.4e7  # bytes of residuals of one log that are not worked out again
 FULLY = 4  # sets of effects that are simplified
 TRIED = 3  # simpler sets that are fitted in full
+GRID = np.linspace(0, 1, 5)  # from the smallest of several thresholds to the largest
+FEW = 3  # steps, that compare sets of effects: what has no slope stays as it is
 NOTHING = 1e-9  # of what is told of a size: what is less is round-off
 TURNS = 2  # of sizes and noise
 
@@ -27,6 +29,11 @@ class Shared(Cause):
     """A cause with one size for the logs of these numbers."""
 
     logs: tuple = ()
+
+    @property
+    def alone(self):
+        """As a log by itself has it."""
+        return Cause(self.name, self.params, self.segments)
 
 
 class Paths:
@@ -38,17 +45,16 @@ class Paths:
         common = [name for name in paths[0].effects if all(name in path.effects for path in paths)]
         self.effects = {name: _widest([path.effects[name] for path in paths]) for name in common}
         self.steady = all(path.steady for path in paths)
+        self.seconds = [elsewhere.seconds(path.log) for path in paths]
 
     def __getattr__(self, name):
         return getattr(self.paths[0], name)
 
     def of(self, causes, k):
         """Causes as they act in log k. A loss is as fast as in the first log that has it."""
-        seconds = [elsewhere.seconds(path.log) for path in self.paths]
-        return tuple(
-            elsewhere.as_fast(Cause(c.name, c.params, c.segments), self.effects[c.name].parameters, seconds[c.logs[0]], seconds[k])
-            for c in causes if k in c.logs
-        )  # fmt: skip
+        mine = [c for c in causes if k in c.logs]
+        spec = [self.effects[c.name].parameters for c in mine]
+        return tuple(elsewhere.as_fast(c.alone, p, self.seconds[c.logs[0]], self.seconds[k]) for c, p in zip(mine, spec))
 
     def about(self, causes):
         moved = [path.about(self.of(causes, k)) for k, path in enumerate(self.paths)]
@@ -73,6 +79,9 @@ class PooledFitter(Fitter):
         self.noise, self.effects = tuple(fitter.noise for fitter in fitters), self.path.effects
         self.degrees = sum(fitter.degrees for fitter in fitters)
         self._kept, self._of = [{} for _ in fitters], None
+
+    def refine(self, fit, steps=8):
+        return super().refine(fit, steps) if steps > FEW else self._descend(fit, steps)
 
     def lefts(self, trials):
         if self._of != self.path.changes:
@@ -211,7 +220,7 @@ class Pool(States):
         better = fit = fit or state.fit
         while better:
             fit = better
-            likely = (self.refined(state, causes, 3) for causes in self._likely(self.at(state).fit_of(fit.causes)))
+            likely = (self.refined(state, causes, FEW) for causes in self._likely(self.at(state).fit_of(fit.causes)))
             better = next((found for found in likely if self.priced(found) < self.priced(fit)), None)
         return fit
 
@@ -231,6 +240,11 @@ class Pool(States):
                 best.setdefault(tuple(trials[i][1]), trials[i][0])
         return list(best.values())[:TRIED]
 
+    @staticmethod
+    def _between(sizes, threshold):
+        """Sizes with which one for several begins; where no slope leads on, all that lie between."""
+        return product(*np.quantile(sizes, GRID, axis=0).T.tolist()) if threshold else [*sizes, np.mean(sizes, axis=0).tolist()]
+
     def _fewer(self, causes):
         """(causes, which of the former each of them was) without some of an effect, or with one size for several."""
         every = range(len(causes))
@@ -240,7 +254,6 @@ class Pool(States):
             yield tuple(causes[i] for i in every if i not in part), [(i,) for i in every if i not in part]
         for part in dict.fromkeys(part for some in alike for part in (*combinations(some, 2), some) if len(part) > 1):
             rest, logs = [i for i in every if i not in part[1:]], tuple(sorted(k for i in part for k in causes[i].logs))
-            sizes = [causes[i].params for i in part]
-            for params in (*sizes, tuple(np.mean(sizes, axis=0).tolist())):
-                one = replace(causes[part[0]], params=params, logs=logs)
+            for params in self._between([causes[i].params for i in part], self.path.effects[causes[part[0]].name].threshold):
+                one = replace(causes[part[0]], params=tuple(params), logs=logs)
                 yield tuple(one if i == part[0] else causes[i] for i in rest), [part if i == part[0] else (i,) for i in rest]

@@ -60,7 +60,7 @@ def answer(paths, groups, known, alike):
         state = pool.begun_at(state)
     parts = [_ahead(pool, state, k) for k in range(len(paths))]
     left = _left([part[-1] for part in parts])
-    joints = _joints(pool, state, behind, left)
+    joints = _joints(pool, state, behind, alike, left)
     before, after, floor, _ = map(list, zip(*parts))
     return JointAnswer(pool, state, joints, judge.verdict(pool.path, joints, left), before, after, floor)
 
@@ -72,34 +72,39 @@ def _best(pool, state, alike):
     """(state, {effect: {rival: squares and price, by which it is worse}}); with a rival as the state, if that is worth more."""
     names = dict.fromkeys(c.name for c in state.causes if c.segments == ALWAYS)
     rivals = {name: _rivals(pool, state, name, alike) for name in names}
-    best = min((fit for some in rivals.values() for _, fit in some), key=pool.priced, default=state.fit)
+    wider = _fits(pool, state, state.causes, [(name,) for name in pool.promising(state, state.causes)])
+    best = min((fit for some in (*rivals.values(), wider) for _, fit in some), key=pool.priced, default=state.fit)
     if pool.priced(best) < pool.priced(state.fit) - MARGIN:
         better = pool.simplified(pool.settled(state, best))
         if pool.worth(better) < pool.worth(state) - MARGIN:
             return _best(pool, better, alike)
-    return state, {name: _behind(pool, state, some) for name, some in rivals.items()}
+    return state, {name: _behind(pool, state, name, some) for name, some in rivals.items()}
 
 
 def _rivals(pool, state, name, alike):
-    """[(names, fit with these instead of an effect)]."""
+    """[(names, fit with these instead of an effect)]: of what single logs cannot distinguish from it, and of the likeliest others."""
     rest = tuple(c for c in state.causes if c.name != name or c.segments != ALWAYS)
-    found = []
-    for others in pool.instead(state.fit.names, name, alike):
-        fit = pool.refined(state, pool.begun(rest, others))
-        found.append((others, pool.plainer(state, fit)))
-    return found
+    known = pool.instead(state.fit.names, name, alike)
+    likely = [(other,) for other in pool.promising(state, rest) if other != name and (other,) not in known]
+    return _fits(pool, state, rest, [*known, *likely])
 
 
-def _behind(pool, state, rivals):
-    behind = {}
+def _fits(pool, state, causes, sets):
+    """[(names, the simplest fit with these beside causes)]."""
+    return [(names, pool.plainer(state, pool.refined(state, pool.begun(causes, names)))) for names in sets]
+
+
+def _behind(pool, state, name, rivals):
+    """{other effect: squares and price, by which it is worse}; another form is the same effect."""
+    behind, title = {}, {n: effect.reported_as for n, effect in pool.path.effects.items()}
     for others, fit in rivals:
-        for name in others:
-            worse = pool.priced(fit) - pool.priced(state.fit) if name in fit.names else np.inf
-            behind[name] = min(behind.get(name, np.inf), worse)
+        for other in (other for other in others if title[other] != title[name]):
+            worse = pool.priced(fit) - pool.priced(state.fit) if other in fit.names else np.inf
+            behind[title[other]] = min(behind.get(title[other], np.inf), worse)
     return behind
 
 
-def _joints(pool, state, behind, left):
+def _joints(pool, state, behind, alike, left):
     """[Joint], the effect that is worth most first."""
     fitter, fit = pool.at(state), state.fit
     parts = [tuple(c for c in fit.causes if c.name == name and c.segments == ALWAYS) for name in behind]
@@ -109,16 +114,17 @@ def _joints(pool, state, behind, left):
     found = []
     for part, rest, worth in zip(parts, rests, worths):
         name, whole = part[0].name, part[0].segments == ALWAYS
-        alike = any(name in names for names in pool.path.lookalikes if names <= set(fit.names))
-        sure = judge.certainty(pool.path, worth, max(worths), judge.steadiness(fit, rest), left, alike)
-        found.append(_joint(pool, part, worth, sure, behind[name] if whole else {}, left))
+        masks = any(name in names for names in pool.path.lookalikes if names <= set(fit.names))
+        sure = judge.certainty(pool.path, worth, max(worths), judge.steadiness(fit, rest), left, masks)
+        found.append(_joint(pool, part, worth, sure, behind[name] if whole else {}, alike, left))
     return sorted(found, key=lambda joint: -joint.worth)
 
 
-def _joint(pool, part, worth, sure, behind, left):
+def _joint(pool, part, worth, sure, behind, alike, left):
     others = tuple(name for name, worse in behind.items() if worse < pool.price)
     confidence, any_name = judge.confidences(pool.path, sure, left, {**behind, "": worth}, others)
-    return Joint(part, worth, confidence, any_name, others, tuple(name for name in behind if name not in others))
+    open_ = alike.get(pool.path.effects[part[0].name].reported_as, ())
+    return Joint(part, worth, confidence, any_name, others, tuple(name for name in behind if name in open_ and name not in others))
 
 
 # ---- how far predictions are off ---------------------------------------------------------------------------

@@ -11,12 +11,14 @@ import numpy as np
 
 from .. import elsewhere
 from . import simpler
+from .candidates import candidates
 from .fit import ALWAYS, Cause, Fit, Fitter
 from .noise import ROUNDS
 from .states import State, States
 
 KEPT = 6.4e7  # bytes of residuals of one log that are not worked out again
 FULLY = 4  # sets of effects that are simplified
+LIKELY = 2  # effects of all, that are tried instead of one or beside all
 TRIED = 3  # simpler sets that are fitted in full
 GRID = np.linspace(0, 1, 5)  # from the smallest of several thresholds to the largest
 FEW = 3  # steps, that compare sets of effects: what has no slope stays as it is
@@ -165,20 +167,21 @@ class Pool(States):
         """The State that is worth most. alike: {effect: names of what may be it} by the logs one by one."""
         begin = self.likeliest(self.fitter.fit_of(self.begun(self.timed, self._names())))
         begin = self.moving_alike(simpler.stepped(self, self.settled(begin, begin.fit)))
-        fits = sorted((self.refined(begin, self.begun(self.timed, names)) for names in self._sets(alike)), key=self.priced)
+        sets = [self.begun(timed, names) for timed in dict.fromkeys((self.timed, ())) for names in self._sets(alike)]
+        fits = sorted((self.refined(begin, causes) for causes in sets), key=self.priced)
         return min((self.simplified(self.settled(begin, fit)) for fit in fits[:FULLY]), key=self.worth)
 
     def _names(self):
         """Of the effects of all logs, each in the form that the first log with it has."""
         found = {}
-        for cause in (c for causes in self.known for c in causes if c.segments == ALWAYS):
+        for cause in (c for causes in self.known for c in causes):
             found.setdefault(self.path.effects[cause.name].reported_as, cause.name)
         return tuple(found.values())
 
     def _sets(self, alike):
         """Names of effects that may be all there is: of each log, of all, and of all with others instead of one."""
         every = self._names()
-        found = [tuple(c.name for c in causes if c.segments == ALWAYS) for causes in self.known] + [every]
+        found = [tuple(c.name for c in causes) for causes in self.known] + [every]
         found += [(*(n for n in every if n != name), *others) for name in every for others in self.instead(every, name, alike)]
         found += [tuple(form if self._same(n, form) else n for n in every) for causes in self.known for form in (c.name for c in causes)]
         return list({frozenset(names): names for names in found}.values())
@@ -191,6 +194,16 @@ class Pool(States):
         others = [n for n in alike.get(self.path.effects[name].reported_as, ()) if n in self.path.effects]
         others = [n for n in others if not any(self._same(n, known) for known in names)]
         return [(n,) for n in others] + [tuple(others)] * (len(others) > 1)
+
+    def promising(self, state, causes):
+        """Names of the effects that promise most beside causes, by what they promise in each log."""
+        fit, promise = self.refined(state, causes, FEW), {}
+        for k, log in enumerate(self.logs):
+            own = log.fitter.fit_of(self.path.of(fit.causes, k))
+            for gain, cause in candidates(log.fitter, own, ALWAYS):
+                promise[cause.name] = promise.get(cause.name, 0.0) + gain
+        free = [n for n in promise if n in fit.lacks(self.path.effects)]
+        return sorted(free, key=lambda name: -promise[name])[:LIKELY]
 
     def begun(self, causes, names):
         """Causes and these effects in all groups, each of the size known there, or the best of those that a scan begins with."""

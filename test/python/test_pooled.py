@@ -9,6 +9,7 @@ from test_own_robot import CAR, example, written
 from tinykoop import bridge
 from tinykoop.diagnose import pooled
 from tinykoop.diagnose.platforms import ddr, own
+from tinykoop.diagnose.prediction_errors import joint
 from tinykoop.diagnose.prediction_errors.fit import Cause
 from tinykoop.diagnose.prediction_errors.pool import Pool, Shared
 from tinykoop.diagnose.prediction_errors.states import States
@@ -124,6 +125,25 @@ def test_a_threshold_is_common_where_each_log_locates_it_between_commands_of_its
     found = sizes(logs, [(0,), (1,)], known)
     assert set(found["dead_band"]) == {(0, 1)} and set(found["speed_gain"]) == {(0,), (1,)}
     assert found["dead_band"][0, 1] == pytest.approx((0.12, 0.2), rel=0.03)
+
+
+def test_an_effect_in_a_part_of_one_log_stays_there():
+    skid = Effect("lateral_skid", (0.15,), 5.0, 11.0)
+    logs = [(drive(300, k + 1), [Effect("yaw_gain", (0.1,)), *some]) for k, some in enumerate(([skid], []))]
+    timed = Cause("lateral_skid", (0.15,), ((5.0, 11.0),))
+    states = [States(ddr.Path(log_of(u, effects, seed=k))) for k, (u, effects) in enumerate(logs)]
+    causes = Pool(states, [(0,), (1,)], [(Cause("yaw_gain", (0.1,)), timed), ()]).run({}).causes
+    assert {(c.name, c.logs, c.segments == timed.segments) for c in causes} == {("yaw_gain", (0, 1), False), ("lateral_skid", (0,), True)}
+
+
+def test_long_logs_are_decided_on_fewer_rows_and_fitted_on_all(monkeypatch):
+    monkeypatch.setattr(ddr.path, "FEW", 600)
+    monkeypatch.setattr(ddr.path, "COARSE", 500)
+    logs = [log_of(drive(700, k), [Effect("yaw_gain", (b,))], seed=k) for k, b in enumerate((0.1, 0.08))]
+    found = joint.answer([ddr.Path(log) for log in logs], [(0,), (1,)], [(Cause("yaw_gain", (0.09,)),), ()], {})
+    assert found.verdict == "known" and [len(path.rows) for path in found.pool.path.paths] == [700, 700]
+    ((first, second),) = (one.causes for one in found.joints)
+    assert (first.logs, second.logs) == ((0,), (1,)) and (*first.params, *second.params) == pytest.approx((0.1, 0.08), abs=1e-3)
 
 
 def test_an_own_robot_has_sizes_per_group(tmp_path):

@@ -7,6 +7,7 @@ import numpy as np
 from . import ahead, judge, openset
 from .fit import ALWAYS
 from .pool import Pool
+from .search import MOST
 from .states import MARGIN, State, States
 
 
@@ -72,7 +73,8 @@ def _best(pool, state, alike):
     """(state, {effect: {rival: squares and price, by which it is worse}}); with a rival as the state, if that is worth more."""
     names = dict.fromkeys(c.name for c in state.causes if c.segments == ALWAYS)
     rivals = {name: _rivals(pool, state, name, alike) for name in names}
-    wider = _fits(pool, state, state.causes, [(name,) for name in pool.promising(state, state.causes)])
+    more = pool.promising(state, state.causes) if len(names) < MOST else ()
+    wider = _fits(pool, state, state.causes, [(name,) for name in more])
     best = min((fit for some in (*rivals.values(), wider) for _, fit in some), key=pool.priced, default=state.fit)
     if pool.priced(best) < pool.priced(state.fit) - MARGIN:
         better = pool.simplified(pool.settled(state, best))
@@ -107,16 +109,17 @@ def _behind(pool, state, name, rivals):
 def _joints(pool, state, behind, alike, left):
     """[Joint], the effect that is worth most first."""
     fitter, fit = pool.at(state), state.fit
-    parts = [tuple(c for c in fit.causes if c.name == name and c.segments == ALWAYS) for name in behind]
+    whole = [c for c in fit.causes if c.segments == ALWAYS]
+    parts = [tuple(c for c in whole if c.name == name) for name in dict.fromkeys(c.name for c in whole)]
     parts += [(c,) for c in fit.causes if c.segments != ALWAYS]
     rests = [fitter.refine(fitter.fit_of(c for c in fit.causes if c not in part), 5) for part in parts]
     worths = [max(rest.cost - fit.cost, 0.0) for rest in rests]
     found = []
     for part, rest, worth in zip(parts, rests, worths):
-        name, whole = part[0].name, part[0].segments == ALWAYS
+        name = part[0].name
         masks = any(name in names for names in pool.path.lookalikes if names <= set(fit.names))
         sure = judge.certainty(pool.path, worth, max(worths), judge.steadiness(fit, rest), left, masks)
-        found.append(_joint(pool, part, worth, sure, behind[name] if whole else {}, alike, left))
+        found.append(_joint(pool, part, worth, sure, behind[name] if part[0] in whole else {}, alike, left))
     return sorted(found, key=lambda joint: -joint.worth)
 
 

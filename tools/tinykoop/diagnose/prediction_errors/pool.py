@@ -159,7 +159,7 @@ class Pool(States):
     def begun_at(self, coarse):
         """The state of these paths from that of the same logs with fewer rows."""
         state = replace(coarse, noise=self.fitter.noise)
-        return self.settled(state, self.at(state).fit_of(coarse.causes))
+        return self.simplified(self.settled(state, self.at(state).fit_of(coarse.causes)))
 
     # ---- sets of effects -----------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ import numpy as np
 from ...plumbing.errors import UserError
 from ...plumbing.results import printable, write_bytes
 from ..report.terminal import say
+from ..standing import FAULTS
 from . import c, diff_drive, mjcf, python, sdf, toml, urdf
 
 WRITERS = {
@@ -29,9 +30,9 @@ def _report(path):
         raise UserError(f"{path}: is no report of `tinykoop diagnose`; give its report.json") from error
     if verdict != "known" or not effects:
         raise UserError(f"{path}: the verdict is '{verdict}', so there is nothing to patch; record another log and diagnose that")
-    if any(effect["name"] == "no_traction" for effect in effects):
-        raise UserError(f"{path}: no_traction is a fault of the robot, not of the simulator; correct it and record another log")
     for effect in effects:
+        if effect["name"] in FAULTS:
+            raise UserError(f"{path}: {effect['name']} is a fault of the robot, not of the simulator; correct it and record another log")
         if not _all_along(effect, report):
             raise UserError(f"{path}: {effect['name']} acts in a part of the log only; a simulator's number cannot say that")
         if "form" in effect:

@@ -6,6 +6,7 @@ from .... import bridge
 from ....plumbing.errors import UserError
 from ...diagnosis import Diagnosis, check_on_fresh, contributions, open_questions, report_of, told
 from ...elsewhere import as_fast, joined, seconds
+from ...links import tagged
 from ...prediction_errors.answer import answer
 from ...prediction_errors.fit import ALWAYS
 from ...prediction_errors.search import Search
@@ -86,7 +87,7 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
         report["log"]["searched_rows"] = len(path.rows)
     if speeds:
         report["where"]["links"] = links.diagnosed(found, speeds)
-        report["effects"] = links.tagged(report["effects"], report["where"]["links"])
+        report["effects"] = tagged(report["effects"], report["where"]["links"])
     if ignored:
         report["log"]["ignored"] = ignored
     result = Diagnosis(report, found, {"drive": advice[2] if advice else None})

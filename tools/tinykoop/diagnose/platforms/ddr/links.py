@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .... import bridge
-from ...diagnosis import effects, gaps, noise
+from ... import links
 from ...prediction_errors import ahead
 from ...prediction_errors.answer import answer
 from . import odometry, traction
@@ -18,7 +18,6 @@ WHEEL, GROUND, HEADING, WHOLE = "command to wheel", "wheel to ground", "gyro to 
 GEOMETRY = ("speed_gain", "yaw_gain", "wheel_asymmetry", "yaw_bias")  # a wheel's size, the track, skid steering: at the wheels or below
 CLOCK = ("clock_scale",)  # odometry and commands count by one clock, the pose by another
 SCALE = ("yaw_gain", "yaw_bias")  # of a gyro
-TOLD = ("name", "params", "units", "params_ci95", "confidence", "at_bound", "segments")
 MOST = 1500  # rows of a link that are looked at
 ENOUGH = 400_000  # steps that a link may ask for before no further cause is looked for there
 
@@ -95,67 +94,20 @@ def diagnosed(found, speeds):
     """The `where.links` of the report, for the answer to the whole log."""
     path, rows = found.path, found.path.rows[found.starts]
     whole, out = _missed(path.log, rows, path.integrator), []
-    for link in of(path.log, speeds, _main(found), path.integrator):
+    for link in of(path.log, speeds, links.main(found), path.integrator):
         part, axes, floor = _missed(link.log, rows, path.integrator), list(Path.gaps[link.gap][1]), found.floor[link.gap]
-        searched = replace(link, effects=()) if _hidden(part[..., axes], floor) else link
-        share = _share(whole[..., axes], part[..., axes], floor, link.name != WHEEL)
+        searched = replace(link, effects=()) if links.hidden(part[..., axes], floor) else link
+        share = links.share(whole[..., axes], part[..., axes], floor, link.name != WHEEL)
         out.append(_of_link(searched, path, found.state.noise) | {"share": share})
     return out
 
 
-def _hidden(part, floor):
-    """Whether the noise of the pose hides what a link makes predictions miss (S, H, c): then no effect is looked for there."""
-    size, least = ahead.rms(np.sqrt((part**2).sum(-1))), ahead.rms(floor)
-    return not (size > (1 + ahead.SHOWS) * least).any()
-
-
-def _main(found):
-    """The gap that the verdict is about."""
-    return next(name for name, (unit, _) in found.path.gaps.items() if unit == found.left.unit)
-
-
 def _of_link(link, whole, noise_of_pose):
     """What the report says of a link; whole: the path of the whole log."""
-    path = LinkPath(link, whole, noise_of_pose)
-    own = answer(path)
-    gap = gaps(path, own.before, own.after, own.floor)["gap"]
-    named = [{key: effect[key] for key in TOLD} for effect in effects(own)]
-    return {"link": link.name, "verdict": own.verdict, "of": link.gap, "gap": gap, "effects": named, "noise": noise(path, own.state.noise)}
-
-
-# ---- shares --------------------------------------------------------------------------------------
+    return links.told(link.name, answer(LinkPath(link, whole, noise_of_pose)), link.gap)
 
 
 def _missed(log, rows, integrator):
     """Measured less predicted (S, H, 3) by the speeds alone, in the axes of the poses in these rows."""
     steps = np.minimum(ahead.HORIZONS, len(log.x) - 1)
     return bridge.windows(log.x, log.u, log.dt, rows, steps, usable=log.usable, integrator=integrator)[1]
-
-
-def _share(whole, part, floor, has_pose):
-    """The share of a link, from vectors (S, H, c) at the longest horizon that there is; None where the whole is about the noise.
-
-    A prediction by the commands misses the pose by what the wheels miss the commands, and what the pose misses the wheels: as vectors
-    in the axes of the pose that it begins at, these add up. The share of a link is the mean of its part times the whole, over
-    the mean square of the whole, both without the noise of the pose: shares of the links from command to ground add up to one.
-    """
-    there = np.isfinite(whole).all(-1) & np.isfinite(part).all(-1)
-    if not there.any():
-        return None
-    h = int(np.flatnonzero(there.any(0)).max())
-    whole, part, least = whole[there[:, h], h], part[there[:, h], h], np.mean(floor[there[:, h], h] ** 2)
-    square = np.mean((whole**2).sum(-1))
-    if np.sqrt(square) < (1 + ahead.SHOWS) * np.sqrt(least):
-        return None
-    return float((np.mean((whole * part).sum(-1)) - has_pose * least) / (square - least))
-
-
-# ---- with the whole ------------------------------------------------------------------------------
-
-
-def tagged(effects, links):
-    """Effects of the whole log, each with the `link` in which the same one is found, of several that with the largest share."""
-    where = {}
-    for link in sorted(links, key=lambda link: link["share"] or 0.0):
-        where |= {effect["name"]: link["link"] for effect in link["effects"]}
-    return [effect | ({"link": where[effect["name"]]} if effect["name"] in where else {}) for effect in effects]

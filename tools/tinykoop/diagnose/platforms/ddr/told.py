@@ -6,9 +6,10 @@ from .... import bridge
 from ...prediction_errors.ahead import HORIZONS
 from ...report import figures, words
 from ...report.figures import WIDTH, Panel, extent
-from ...report.story import Section, Teller
-from ...report.words import angle, capital, length, listed, percent_of, quantity, real, signed
-from . import standing, told_links
+from ...report.links import Linked
+from ...report.story import Section
+from ...report.words import angle, length, listed, percent_of, quantity, real, signed
+from . import links, told_links
 
 MOST_POINTS, MOST_DRAWN = 1500, 100  # of a path, and predictions: more are not seen
 ZOOMS = 3
@@ -97,28 +98,12 @@ PHRASES = {
 }  # fmt: skip
 
 
-class Drive(Teller):
+class Drive(Linked):
     phrases = PHRASES
     experiment = "What to drive next"
 
-    # ---- links ---------------------------------------------------------------------------------------
-
-    def phrase(self, effect):
-        return told_links.DEAD[effect["link"]] if effect["name"] == standing.EFFECT else super().phrase(effect)
-
-    def sentence(self):
-        effect = told_links.dead(self.report)
-        return f"{capital(self.phrase(effect))} ({self.title(effect['name'])})." if effect else super().sentence()
-
-    def asides(self):
-        effect = told_links.dead(self.report)
-        return [told_links.motion(effect)] if effect else [*super().asides(), *told_links.sentences(self)]
-
-    def next_step(self):
-        return "Next: correct this, and record the log again." if told_links.dead(self.report) else super().next_step()
-
-    def where(self):
-        return told_links.added(self, super().where())
+    links_note, beside, link_figure = told_links.NOTE, (links.HEADING,), told_links.figure
+    fault, motion = staticmethod(told_links.fault), staticmethod(told_links.motion)
 
     # ---- predictions beside the path -----------------------------------------------------------------
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from ...plumbing.errors import UserError
 from ...plumbing.results import print_table
+from ..platforms.own import extras, links, told_links
 from ..platforms.own.path import Path
 from ..prediction_errors import ahead, spans
 from ..prediction_errors import noise as noises
 from ..prediction_errors.fit import Cause, Fitter
 from ..report.terminal import say
-from ..report.words import size_of
+from ..report.words import capital, size_of
 from ..robot import RunsAway
 from . import toml
 from .library import preference
@@ -251,15 +252,27 @@ def refuse(findings, log, robot):
 
 def run(robot_file, log_file, sim=None):
     """Prints what looks wrong, how far the simulator is off, and which effects this log cannot distinguish; 2 where it cannot be right."""
-    robot, log = toml.read_both(robot_file, log_file, sim)
+    given = extras.read(*toml.read_both(robot_file, log_file, sim))
+    robot, log = given.robot, given.log
+    say(f"{robot.name}: {len(log.t)} rows, {log.t[-1] - log.t[0]:.4g} s at {1 / log.dt:.4g} Hz", "bold")
+    for said in links.uses(given):
+        say(f"  {said}")
+    dead = links.dead_link(given)
+    for said in (*given.ignored, *([capital(told_links.fault({"link": dead}))] if dead else ())):
+        say(f"  look: {said}")
+    if not dead:  # else nothing can be said of the simulator
+        _compare(robot, log, log_file)
+
+
+def _compare(robot, log, log_file):
+    """Prints how the log compares with the simulator."""
     found = mistaken(robot, log)
     path = None if any(f.wrong for f in found) else Path(robot, log)
     found += along(path) if path else []
-    say(f"{robot.name}: {len(log.t)} rows, {log.t[-1] - log.t[0]:.4g} s at {1 / log.dt:.4g} Hz", "bold")
     for finding in found:
         say(f"  {'WRONG' if finding.wrong else 'look'}: {finding.text}. {finding.remedy}")
     if any(f.wrong for f in found):
-        raise UserError(f"{log_file}: cannot be a log of {robot.name} as {robot_file} has it")
+        raise UserError(f"{log_file}: cannot be a log of {robot.name} as {robot.file} has it")
     starts = ahead.starts_of(path)
     errors, floor = ahead.errors(path, (), starts), ahead.floor(path, noises.first(path), starts)
     rows = [

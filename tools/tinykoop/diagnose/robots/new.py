@@ -19,7 +19,8 @@ command = [
   {{name = "speed", column = "v_cmd", unit = "m/s"}},
   {{name = "yaw_rate", column = "w_cmd", unit = "rad/s"}},
 ]
-# extra = [{{name = "odometer", column = "v", unit = "m/s", measures = "speed"}}]  # another sensor of a state or command
+# Columns that measure what commands do, or a state again: the report then says in which link the gap arises.
+# extra = [{{name = "odometer", column = "v", unit = "m/s", measures = "speed"}}]
 
 [simulator]  # what you believe the robot does; `tinykoop diagnose` says what is missing in it
 python = "{name}.py:step"

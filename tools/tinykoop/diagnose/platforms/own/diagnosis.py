@@ -7,10 +7,11 @@ from ...diagnosis import Diagnosis, check_on_fresh, contributions, report_of
 from ...prediction_errors import judge
 from ...prediction_errors.answer import answer
 from ...prediction_errors.search import Search
-from ...robot import check_effects
+from ...robot import RunsAway, check_effects
 from ...robots import check, toml
 from ...robots.log import joined
 from ...robots.log import read as read_log
+from . import extras, links, standing
 from .path import Path
 
 EVERY = 4  # of the predictions tell what an effect is worth: the simulator may be slow
@@ -50,12 +51,13 @@ def _healthy(logs, robot):
     return Search(Path(robot, joined(logs))).run().causes
 
 
-def _checked(robot, log, **options):
-    """The Path of a log that can be what it says."""
-    check.refuse(check.mistaken(robot, log), log, robot)
-    path = Path(robot, log, **options)
-    check.refuse(check.along(path), log, robot)
-    return path
+def _path(robot, log, **options):
+    """The Path of a log; a log that cannot be what the robot's file says may be why there is none."""
+    try:
+        return Path(robot, log, **options)
+    except RunsAway:
+        check.refuse(check.mistaken(robot, log), log, robot)
+        raise
 
 
 def _add_fields(effects, robot):
@@ -73,22 +75,54 @@ def path_of(log, robot, without=(), healthy=()):
 
 def diagnose(log, robot, fresh=None, without=(), healthy=()):
     """The Diagnosis of a RobotLog; fresh: another one, on which nothing is fitted; healthy: some, from which on a change counts."""
-    before = _healthy(healthy, robot)
-    path = _checked(robot, log, without=without, before=before)
-    check_effects(without, path.everything)
+    given = extras.read(robot, log)
+    tested, others = standing.EFFECT not in without, [name for name in without if name != standing.EFFECT]
+    if tested and given.dead:
+        result = standing.of_actuator(given, _where)
+    else:
+        path = _path(given, others, [given.of(other) for other in healthy])
+        check_effects(others, path.everything)
+        axes = links.dead(path, given) if tested else None
+        result = standing.of_motion(given, axes, _where) if axes else _living(path, given, len(healthy))
+        if fresh is not None and not axes:
+            _check_on_fresh(result, given.of(fresh))
+    result.report["passes"] = round((log.work.rows + given.work.rows) / (len(log.t) - 1))
+    if given.ignored:
+        result.report["log"]["ignored"] = given.ignored
+    return result
+
+
+def _path(given, without, healthy):
+    """The Path of a log; a log that cannot be what the robot's file says may be why there is none."""
+    robot, log = given.robot, given.log
+    try:
+        return Path(robot, log, without=without, before=_healthy(healthy, robot))
+    except RunsAway:
+        check.refuse(check.mistaken(robot, log), log, robot)
+        raise
+
+
+def _living(path, given, healthy):
+    """The Diagnosis of a path whose links are alive; healthy: number of logs."""
+    robot, log = given.robot, given.log
+    check.refuse([*check.mistaken(robot, log), *check.along(path)], log, robot)
     found = answer(path)
     report = {"platform": robot.name} | report_of(found, _where(found), judge.untestable(found.search, found.fit)) | {
-        "healthy": {"logs": len(healthy), "effects": [{"name": c.name, "params": list(c.params)} for c in before]},
+        "healthy": {"logs": healthy, "effects": [{"name": c.name, "params": list(c.params)} for c in path.added]},
         "time_step": {"matters": bool(path.variant), "share": path.share},
         "contributions": contributions(found, EVERY) if len(found.fit.causes) > 1 else {},
     }  # fmt: skip
-    report["passes"] = round(log.passes)
+    told = links.diagnosed(found, given)
+    if told:
+        report["where"]["links"], report["effects"] = told, links.tagged(report["effects"], told, given)
     _add_fields([*report["effects"], *report["best_fit"]], robot)
     if hasattr(robot.simulator, "surrogate"):
         report["surrogate"] = robot.simulator.surrogate
-    result = Diagnosis(report, found)
-    if fresh is not None:
-        other = Path(robot, fresh, before=before)
-        other.step_by(path.variant)
-        check_on_fresh(result, other)
-    return result
+    return Diagnosis(report, found)
+
+
+def _check_on_fresh(result, log):
+    path = result.path
+    other = Path(path.robot, log, before=path.added)
+    other.step_by(path.variant)
+    check_on_fresh(result, other)

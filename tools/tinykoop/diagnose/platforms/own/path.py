@@ -53,7 +53,10 @@ STEADY = 0.02  # share that commands of one kind vary by
 
 
 class Path(path.Path):
-    """The log as the engine takes it. Deviations are in the states' own axes."""
+    """The log as the engine takes it. Deviations are in the states' own axes.
+
+    before, added: Causes that belong to the simulator, and those of them that its file does not have.
+    """
 
     tiny = TINY
 
@@ -76,7 +79,7 @@ class Path(path.Path):
         self.everything = library(self.context, self.velocities, self.reach)
         self.order = {name: rank for rank, name in enumerate(self.everything)}
         self.effects = {name: effect for name, effect in self.everything.items() if name not in without}
-        self.before = (*self._acting(), *before)
+        self.before, self.added = (*self._acting(), *before), tuple(before)
         if self.before:  # the path was looked for without them
             self.at_causes, self._known = None, {}
             self.about(())
@@ -313,7 +316,7 @@ class Path(path.Path):
         D[self.on] = ends - self.X[self.on + 1]
         for i, signal in enumerate(self.robot.states):
             if signal.wraps:
-                D[:, i] = _short(D[:, i])
+                D[:, i] = short(D[:, i])
         return D
 
     # ---- slopes ----------------------------------------------------------------------------------------------
@@ -508,7 +511,7 @@ class Path(path.Path):
         E = self.measured - self.read(action)
         for c, channel in enumerate(self.robot.channels):
             if channel.wraps:
-                E[:, c] = _short(E[:, c])
+                E[:, c] = short(E[:, c])
         seen = np.isfinite(self.log.y)
         E = np.where(seen, E, 0.0)
         for reading, on in action.readings:
@@ -538,7 +541,10 @@ class Path(path.Path):
 
     def ahead(self, causes, starts, horizons):
         """Measured less predicted (S, H, c), from what was measured in these rows; NaN where nothing can be compared."""
-        action = self.action(causes)
+        return self.ahead_by(self.action(causes), starts, horizons)
+
+    def ahead_by(self, action, starts, horizons):
+        """ahead() of an action."""
         moved = self.read(action) - self.robot.sense(self.X, action.u)  # what sensors make of a path
         x, seen = self._hidden[starts].copy(), self.robot.measured
         there = np.isfinite(self.log.x[starts][:, seen])
@@ -551,7 +557,7 @@ class Path(path.Path):
         missed = np.where(there, self.measured[rows] - Y, np.nan)
         for c, channel in enumerate(self.robot.channels):
             if channel.wraps:
-                missed[..., c] = _short(missed[..., c])
+                missed[..., c] = short(missed[..., c])
         return missed[:, list(horizons)]
 
     def _shifted(self, rows):
@@ -588,7 +594,7 @@ class Path(path.Path):
 # ---- signals -----------------------------------------------------------------------------------------------------
 
 
-def _short(angle):
+def short(angle):
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 

@@ -4,14 +4,17 @@ import numpy as np
 
 from ...prediction_errors.ahead import HORIZONS
 from ...report import figures, words
-from ...report.story import Teller
+from ...report.links import Linked
 from ...report.words import listed, percent
+from . import told_links
 
 
-class Own(Teller):
+class Own(Linked):
     title = staticmethod(str)  # names are those of the robot's file
+    links_note, link_figure = told_links.NOTE, told_links.figure
+    fault, motion = staticmethod(told_links.fault), staticmethod(told_links.motion)
 
-    def phrase(self, effect):
+    def effect_phrase(self, effect):
         """gain:speed, (1 + a) speed with a = 0.08."""
         values = listed(f"{name} = {words.quantity(value, effect['units'][name])}" for name, value in effect["params"].items())
         return f"{effect['formula']} with {values}"

@@ -13,6 +13,8 @@ from tinykoop.diagnose import patch
 from tinykoop.diagnose.platforms import own
 from tinykoop.diagnose.platforms.own import Path as LogPath
 from tinykoop.diagnose.platforms.own import extras, links
+from tinykoop.diagnose.prediction_errors.fit import Cause
+from tinykoop.diagnose.prediction_errors.search import Search
 from tinykoop.diagnose.report.html import html
 from tinykoop.diagnose.robots import toml
 from tinykoop.diagnose.robots.log import read
@@ -160,6 +162,14 @@ def test_an_effect_that_the_simulator_has_is_no_effect_of_a_link(robots, log_of)
     """The lag of the robot's file acts at its link, and not behind the servo that shows it."""
     robot = replace(robots["servo"], acting=(("lag:steering", {"tau": 0.12}),))
     assert found(own.diagnose(log_of(lag=0.12), robot)) == {TO_SERVO: {}, links.MOTION: {}}
+
+
+@pytest.mark.parametrize("lag, kept", [(0.12, ("lag:steering",)), (1e-9, ())])
+def test_a_search_begins_with_what_the_links_found_and_keeps_it_only_if_it_is_worth_its_price(robots, log_of, monkeypatch, lag, kept):
+    path = LogPath(robots["plain"], log_of("plain", lag=lag))
+    path.hints = Cause("lag:steering", (0.1,)), Cause("bias:speed", (0.001,))
+    monkeypatch.setattr(Search, "widened", lambda self, state: None)  # nothing else comes in
+    assert Search(path).run().fit.names == kept
 
 
 def test_rows_without_a_reading_are_not_compared(robots, log_of):

@@ -42,6 +42,7 @@ class Path:
     matters_ahead = True  # whether a cause must close a part of the gap of predictions
     stray = True  # whether rows that stand alone are outliers
     alike_rows = 1  # rows that tell about as much as one
+    hints: tuple = ()  # Causes with which a search begins, if these are worth their price
     alias = 1.0  # share of what an effect does, from which on another that does it may be it, however good the fit
 
     @property

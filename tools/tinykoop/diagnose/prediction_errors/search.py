@@ -18,7 +18,7 @@ class Search(States):
         state = self.likeliest(self.fitter.fit_of(()))
         state = self.base = self.moving_alike(self.with_coloured_noise(self.robust(self.referred(state))))
         coarse = self.path.coarse()
-        begun = state = self.begun(state, Search(coarse).run()) if coarse else simpler.stepped(self, state)
+        begun = state = self.begun(state, Search(coarse).run()) if coarse else self.hinted(simpler.stepped(self, state))
         for _ in range(TURNS):
             wide = state = self.moving_alike(self.forward(state))
             if coarse and state.fit.names == begun.fit.names:
@@ -36,6 +36,13 @@ class Search(States):
         """The state on this path from what was found on fewer of its rows."""
         state = replace(state, variant=coarse.variant, motion=coarse.motion, noise=coarse.noise)
         return self.settled(state, self.at(state).fit_of(coarse.causes))
+
+    def hinted(self, state):
+        """With the path's hints, if that is worth more."""
+        if not self.path.hints:
+            return state
+        hinted = simpler.reduced(self, self.settled(state, self.refined(state, self.path.hints, 5)))
+        return self.referred(hinted) if self.worth(hinted) < self.worth(state) - MARGIN else state
 
     def forward(self, state):
         """Causes taken in one by one."""

@@ -106,14 +106,16 @@ def _living(path, given, healthy):
     """The Diagnosis of a path whose links are alive; healthy: number of logs."""
     robot, log = given.robot, given.log
     check.refuse([*check.mistaken(robot, log), *check.along(path)], log, robot)
+    linked = links.answered(path, given)
+    path.hints = links.causes(linked)
     found = answer(path)
     report = {"platform": robot.name} | report_of(found, _where(found), judge.untestable(found.search, found.fit)) | {
         "healthy": {"logs": healthy, "effects": [{"name": c.name, "params": list(c.params)} for c in path.added]},
         "time_step": {"matters": bool(path.variant), "share": path.share},
         "contributions": contributions(found, EVERY) if len(found.fit.causes) > 1 else {},
     }  # fmt: skip
-    told = links.diagnosed(found, given)
-    if told:
+    if linked:
+        told = links.told(linked, found, given)
         report["where"]["links"], report["effects"] = told, links.tagged(report["effects"], told, given)
     _add_fields([*report["effects"], *report["best_fit"]], robot)
     if hasattr(robot.simulator, "surrogate"):

@@ -9,7 +9,9 @@ import numpy as np
 
 from ... import answers, links
 from ...prediction_errors import ahead
-from ...prediction_errors.answer import answer
+from ...prediction_errors import noise as noises
+from ...prediction_errors.answer import Answer, answer
+from ...prediction_errors.search import MOST
 from ...robot import Gap, RunsAway, Work
 from ...robots.log import continued
 from ...robots.log import noise as noise_of
@@ -120,32 +122,50 @@ def sensed(robot):
 # ---- the report ----------------------------------------------------------------------------------
 
 
-def diagnosed(found, given):
-    """The `where.links` of the report, for the Answer to the whole log, of which `given` are the Extras."""
-    path, of = found.path, links.main(found)
-    names, out, parts = tuple(path.effects), [], _parts(found, given, list(path.gaps[of][1]))
-    floor, whole = found.floor[of], sum(parts)
-    for actuator, part in zip(given.actuators, parts):
-        link = _to_actuator(given, actuator, () if links.hidden(part, floor) else names, path.added)
-        out.append(links.told(to_actuator(given.robot, actuator), answer(link), of) | {"share": links.share(whole, part, floor, False)})
+@dataclass(frozen=True)
+class Link:
+    name: str
+    answer: Answer
+
+
+def answered(path, given):
+    """[Link] of the whole log's path; given: the Extras of the log. Where noise hides what a link does, no effect is looked for."""
+    starts, of, names, out = ahead.starts_of(path), next(iter(path.gaps)), tuple(path.effects), []
+    parts, floor = _parts(path, starts, given, of), ahead.floor(path, noises.first(path), starts)[of]
+    seen = [() if links.hidden(part, floor) else names for part in parts]
+    for actuator, some in zip(given.actuators, seen):
+        out.append(Link(to_actuator(given.robot, actuator), answer(_to_actuator(given, actuator, some, path.added))))
     if given.actuators:
-        link = _to_motion(given, () if links.hidden(parts[-1], floor) else names, path.added)
-        out.append(links.told(MOTION, answer(link), of) | {"share": links.share(whole, parts[-1], floor, True)})
-        given.work.rows += link.log.work.rows
+        out.append(Link(MOTION, answer(_to_motion(given, seen[-1], path.added))))
+        given.work.rows += out[-1].answer.path.log.work.rows
     for c, i in sensed(given.robot):
-        name = to_sensor(given.robot, c, i)
-        out.append(links.told(name, answer(_to_sensor(given.robot, given.log, c, i, names)), of) | {"share": None})
+        out.append(Link(to_sensor(given.robot, c, i), answer(_to_sensor(given.robot, given.log, c, i, names))))
     return out
 
 
-def _parts(found, given, axes):
-    """[vectors (S, H, c)] that predictions miss by each link to an actuator, and by the motion; these add up to what the commands miss."""
-    path, action = found.path, found.path.action(())
-    missed = [path.ahead((), found.starts, ahead.HORIZONS)]
+def causes(found):
+    """Causes of all Links, those nearest to the commands first, each once."""
+    every = [cause for link in found for cause in link.answer.fit.causes]
+    return tuple({cause.name: cause for cause in reversed(every)}.values())[::-1][:MOST]
+
+
+def told(found, whole, given):
+    """The `where.links` of the report: Links, beside the Answer to the whole log."""
+    of = links.main(whole)
+    parts, floor = _parts(whole.path, whole.starts, given, of), whole.floor[of]
+    shares = [links.share(sum(parts), part, floor, i == len(parts) - 1) for i, part in enumerate(parts)]
+    shares += [None] * (len(found) - len(shares))
+    return [links.told(link.name, link.answer, of) | {"share": share} for link, share in zip(found, shares)]
+
+
+def _parts(path, starts, given, of):
+    """[vectors (S, H, c)] in the gap `of`, that predictions miss by each link to an actuator, and by the motion; these add up to what the commands miss."""
+    action, axes = path.action(()), list(path.gaps[of][1])
+    missed = [path.ahead((), starts, ahead.HORIZONS)]
     for actuator in given.actuators:
         action = _with(action, actuator)
-        after = path.ahead_by(action, found.starts, ahead.HORIZONS)
-        missed.append(np.where(_known(actuator, found.starts)[..., None], after, np.nan))
+        after = path.ahead_by(action, starts, ahead.HORIZONS)
+        missed.append(np.where(_known(actuator, starts)[..., None], after, np.nan))
     parts = [before - after for before, after in zip(missed, missed[1:])] + missed[-1:]
     turns = [c for c, channel in enumerate(path.robot.channels) if channel.wraps]
     for part in parts:

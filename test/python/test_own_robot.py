@@ -184,6 +184,28 @@ def test_what_no_effect_explains_is_unknown(car, tmp_path):
     assert not report["effects"] or max(e["confidence"] for e in report["effects"]) < 0.9
 
 
+def test_what_looks_random_is_no_proof_of_an_effect_that_does_nearly_the_same(car, tmp_path):
+    """A steering that is cut at 0.2 rad, without cuts in the library: a gain takes half of it, and random motion the rest."""
+
+    def stops(pose, speed, steering):
+        turn = np.tan(np.clip(steering, -0.2, 0.2)) / 0.33
+        return speed * np.cos(pose[2]), speed * np.sin(pose[2]), speed * turn
+
+    log = log_of(car, tmp_path, 16, rate=stops, rows=800)
+    report = own.diagnose(log, replace(car, use=("gain", "bias", "lag", "delay", "parameter"))).report
+    assert report["verdict"] == "unknown" and not report["effects"] and report["best_fit"]
+    assert report["shares"]["random"] > 0.1 and report["unexplained"]["matters"]
+
+
+@pytest.mark.parametrize(
+    "rest, confidence, word", [(0.0, 0.9, "known"), (0.15, 0.68, "partly"), (0.25, 0.6, "unknown"), (0.0, 0.4, "unknown")]
+)
+def test_a_part_of_the_gap_is_explained_if_not_more_than_a_fifth_of_it_is_left(car, healthy, rest, confidence, word):
+    left = judge.Left(gap=rest, of=1.0, smallest=0.01, unit="m")
+    proof = judge.Proof(1e4, confidence, (), None, {}, confidence)
+    assert judge.verdict(LogPath, [proof], left) == word
+
+
 OWN_EFFECT = '''
 import numpy as np
 

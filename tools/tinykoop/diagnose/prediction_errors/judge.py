@@ -136,7 +136,8 @@ def certainty(path, worth, main, steadiness, left, alike):
     share, errors = steadiness
     odds = (MAIN if worth == main else OTHER) * np.log10(max(worth, 1.0) / doubted) + OF_STEADINESS * (share - STEADY)
     odds += OF_CHANCE * min(errors - CLEARLY, 0.0)
-    return float(special.expit(odds)) * (DOUBT if alike or not left.white else 1.0)
+    unclear = alike or not left.white or (left.shows and not path.wanders)
+    return float(special.expit(odds)) * (DOUBT if unclear else 1.0)
 
 
 def confidences(path, sure, left, behind, others, absorbed=0.0):
@@ -191,7 +192,8 @@ def left(search, state, before, after, boxed, floor, box, starts):
     In the path's first gap; in the second where only that one is worth the name, as of a robot that turns on the spot.
     """
     path = search.path
-    parts = before, after, boxed, floor, ahead.floor(path, state.noise, starts)
+    noises = state.noise.quiet(path), state.noise
+    parts = before, after, boxed, floor, *(ahead.floor(path, noise, starts) for noise in noises)
     found = [_left_in(path, state.noise, [part[gap] for part in parts], box.shows, gap) for gap in path.gaps]
     found = next((one for one in found if one.of >= one.smallest), found[0])
     return replace(found, white=_white(state.fit.left.reshape(path.present.shape)))
@@ -211,13 +213,14 @@ def _left_in(path, noise, parts, shows, gap):
     return max(reversed(found), key=lambda one: one.matters * one.share)
 
 
-def _left_at(path, noise, before, after, boxed, floor, moving, shows, gap, h):
+def _left_at(path, noise, before, after, boxed, floor, still, moving, shows, gap, h):
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
     missed, noisy = ahead.rms(after[usual, h]), ahead.rms(moving)[h]
     surely = not path.calibrated or _better(after[usual, h], moving[usual, h])
     unmodelled = _apart(missed, noisy) if missed > STANDS_OUT * noisy and surely else 0.0
+    moved, least = (0.0, floor) if path.wanders else (_apart(noisy, ahead.rms(still)[h]), still)
     predicted = _apart(ahead.rms(after)[h], ahead.rms(boxed)[h]) if shows or _better(after[:, h], boxed[:, h]) else 0.0
-    gap_left, of = max(unmodelled, predicted), _apart(ahead.rms(before)[h], ahead.rms(floor)[h])
+    gap_left, of = max(unmodelled, predicted, moved), _apart(ahead.rms(before)[h], ahead.rms(least)[h])
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise, ahead.HORIZONS[h])), path.gaps[gap][0])
 
 
@@ -244,7 +247,7 @@ def verdict(path, proved, left):
     if surest < BELIEVED and not left.matters:
         return "none"
     if left.matters:
-        return "partly" if path.calibrated and surest >= ESTABLISHED else "unknown"
+        return "partly" if path.calibrated and surest >= path.partial else "unknown"
     return "known" if any(established(path, proof) for proof in proved) else "unknown"
 
 

@@ -36,6 +36,8 @@ class Path:
     tiny = 0.0  # of its usual size: what is less does not matter
     motions, motion = ("at any speed",), 0  # how random motion may depend on the command, and how it is taken to
     calibrated = False  # whether confidence is reckoned from evidence, as it was calibrated for drives
+    partial = 0.5  # confidence of the surest cause, from which on a verdict is partly where something is left
+    wanders = True  # whether the robot moves at random, as slipping wheels do; else what looks random is left over
     steady = False  # whether one command was held throughout
     weighed = False  # whether sizes are fitted to predictions many steps ahead, where the robot moves at random
     spent = False  # whether the simulator was asked so much that no further cause is looked for

@@ -49,6 +49,7 @@ SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # of the way that a gap's states go, and 
 TINY = 0.05  # of its usual size: what is less may be significant, and does not matter
 CORNERS = 1.5  # the same, of a path that is cut: what still shorter steps would change at contacts looks like random motion
 LATE = 2.0  # of what noise makes of lags and delays, that they are off beside it: RMS of 44, in logs of blind/own
+PARTIAL = 0.64  # confidence where a fifth of the gap is left: on logs of blind/own, effects that leave more are wrong more often than not
 STEADY = 0.02  # share that commands of one kind vary by
 
 
@@ -59,6 +60,7 @@ class Path(path.Path):
     """
 
     tiny = TINY
+    calibrated, partial, wanders = True, PARTIAL, False
 
     @property
     def variants(self):

@@ -12,10 +12,10 @@ from .report import words
 from .report.story import Teller
 
 
-def _diagnosed(command, log, out):
-    """(log, report or None, what was said) of one log."""
-    done = subprocess.run([*command, str(log), "--out", str(out)], stdin=subprocess.DEVNULL, capture_output=True, text=True)
-    report = json.loads((out / "report.json").read_text()) if done.returncode == 0 else None
+def _diagnosed(command, log, out, folder):
+    """(log, report or None, what was said) of one log; folder: where paths begin, wherever the process is."""
+    done = subprocess.run([*command, str(log), "--out", str(out)], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    report = json.loads((folder / out / "report.json").read_text()) if done.returncode == 0 else None
     return log, report, done.stderr.strip()
 
 
@@ -40,7 +40,7 @@ def run(logs, out, options, jobs=None, cluster=None):
     command = (sys.executable, "-m", "tinykoop.cli", "diagnose", *options)
     with workers(cluster, jobs):
         found = {}
-        for log, report, said in each(_diagnosed, [(command, log, folder) for log, folder in zip(logs, _folders(logs, out))], "logs"):
+        for log, report, said in each(_diagnosed, [(command, log, to, Path.cwd()) for log, to in zip(logs, _folders(logs, out))], "logs"):
             found[str(log)] = (report, said)
     write_json(out / "diagnoses.json", [{"log": str(log), "report": found[str(log)][0], "error": found[str(log)][1]} for log in logs])
     good = [(log, found[str(log)][0]) for log in logs if found[str(log)][0]]

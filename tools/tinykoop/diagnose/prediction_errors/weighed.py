@@ -21,7 +21,7 @@ BETTER = 0.02  # of the error at the longest horizon, that must go for the sizes
 NEAR = 0.08  # of what a cause is worth, by which another form of it, or none, may be worth less and serve predictions better
 ERRORS = 2.0  # standard errors, by which a simpler set may be worse
 TURNS = 3  # of other forms
-BLOCK = 100  # rows that count as one observation: twice the longest horizon
+BLOCK, FEWEST = 100, 4  # rows that count as one observation, twice the longest horizon; of these, to compare by
 
 
 class Ahead(Fitter):
@@ -54,15 +54,16 @@ class Ahead(Fitter):
         return self._each * max(round(BLOCK / max(apart, 1)), 1)
 
 
-def moves(path, noise):
-    """Whether the robot moves at random, so much that sizes are weighed."""
-    return path.weighed and bool((noise.process > MOVES * QUIET * path.usual).any())
+def moves(path, noise, starts):
+    """Whether the robot moves at random, so much that sizes are weighed, in a log that is long enough to do so."""
+    long = len(starts) > 1 and starts[-1] - starts[0] >= FEWEST * BLOCK
+    return path.weighed and long and bool((noise.process > MOVES * QUIET * path.usual).any())
 
 
 def sized(search, state, starts):
     """(the fitter by which sizes are found, its Fit of the state's causes)."""
     fitter = search.at(state)
-    if not (state.causes and moves(search.path, state.noise)):
+    if not (state.causes and moves(search.path, state.noise, starts)):
         return fitter, state.fit
     by_steps, by_ahead = (_squares(search.path, state, starts, how) for how in (False, True))
     if np.sqrt(by_ahead[:, -1].mean()) > (1 - BETTER) * np.sqrt(by_steps[:, -1].mean()):
@@ -85,7 +86,7 @@ def chosen(search, state, starts):
 
     The simplest of those that are not clearly worse than the best.
     """
-    for _ in range(TURNS if state.causes and moves(search.path, state.noise) else 0):
+    for _ in range(TURNS if state.causes and moves(search.path, state.noise, starts) else 0):
         trials = [state.fit, *_others(search, state)]
         squares = [_squares(search.path, replace(state, fit=fit), starts).mean(1) for fit in trials]
         best = squares[int(np.argmin([s.mean() for s in squares]))]

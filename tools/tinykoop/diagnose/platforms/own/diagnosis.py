@@ -51,15 +51,6 @@ def _healthy(logs, robot):
     return Search(Path(robot, joined(logs))).run().causes
 
 
-def _path(robot, log, **options):
-    """The Path of a log; a log that cannot be what the robot's file says may be why there is none."""
-    try:
-        return Path(robot, log, **options)
-    except RunsAway:
-        check.refuse(check.mistaken(robot, log), log, robot)
-        raise
-
-
 def _add_fields(effects, robot):
     """Where the model keeps the parameters that are wrong, and the value that they have there."""
     known = {f"parameter:{p.name}": p for p in robot.parameters}
@@ -70,7 +61,8 @@ def _add_fields(effects, robot):
 
 def path_of(log, robot, without=(), healthy=()):
     """The Path of a log beside what healthy logs have."""
-    return _checked(robot, log, without=without, before=_healthy(healthy, robot))
+    given = extras.read(robot, log)
+    return _path(given, without, [given.of(other) for other in healthy])
 
 
 def diagnose(log, robot, fresh=None, without=(), healthy=()):

@@ -110,13 +110,16 @@ def _figures_of_the_diagnoser():
     from tinykoop import bridge
     from tinykoop.diagnose.platforms import ddr
     from tinykoop.diagnose.platforms.fwmav import diagnosis as flight
-    from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans
+    from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans, weighed
 
     return [
         f"The first {ddr.SETTLE} rows are excluded",
         f"From a long log {ddr.MOST:,} rows are used",
         f"Beyond {bridge.LONG:,} rows the states of the actuators are simulated from {bridge.WARM_UP:g} s before each row",
         f"at least {100 * spans.LEAST:g} % of the log",
+        "minimises the errors {}, {} and {} steps ahead".format(*weighed.STEPS),
+        f"at least {100 * weighed.BETTER:g} % better",
+        f"a log of fewer than {weighed.FEWEST * weighed.BLOCK:g} rows",
         "error {}, {} and {} steps after a *measured* pose".format(*ahead.HORIZONS),
         f"its own blocks of {ahead.BLOCK:g} s",
         f"within {100 * ahead.SHOWS:g} % of the noise floor",

@@ -15,7 +15,7 @@ UPDATED := $(if $(UPDATE),--update)
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
+.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind constants study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -110,6 +110,9 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 
 blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
 	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(foreach tier,$(TIER),--tier "$(tier)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
+
+constants: build ## the diagnoser's constants: reason of each, and how many answers change when it is halved and doubled (N= logs of each kind, SEED=): constants.json
+	@$(TINYKOOP) constants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
 study: build $(VENV)/test-ready ## which Poly runs fail under control and why, sensitivities (RUNS= per setting): study.json
 	@$(TINYKOOP) study $(if $(RUNS),--runs "$(RUNS)") $(UPDATED)

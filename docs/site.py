@@ -22,7 +22,7 @@ CONTENTS = {
     "Tutorials": "tutorial-microcontroller tutorial-control tutorial-dictionary tutorial-diagnose own-robot tutorial-paper",
     "Guides": "microcontroller learning control diagnose flapping-wing logs convert",
     "Reference": "reference command-line python glossary",
-    "Results": "paper benchmarks assurance",
+    "Results": "paper benchmarks assurance diagnose-constants",
     "Project": "contributing security changelog",
 }
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build/out"
 INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
 TABLES = (  # commands that write what they measured into the docs
-    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "coverage", "mutants", "fuzz", "static", "soak",
+    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize",
 )  # fmt: skip
 
@@ -144,6 +144,12 @@ def _assurance(add):
     blind.add_argument("--seed", type=int, default=1, help="of all logs")
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler")
+
+    constants = add("constants", "the diagnoser's constants, and how many answers change when each is halved and doubled")
+    constants.add_argument("--n", type=int, default=2, help="logs of each kind")
+    constants.add_argument("--seed", type=int, default=7, help="of all logs")
+    constants.add_argument("--jobs", type=int, help="processes (default: all cores)")
+    constants.add_argument("--cluster", help="address of a Dask scheduler")
 
     add("coverage", "lines, branches and MC/DC of lib/ that the C tests reach")
     mutants = add("mutants", "how many small faults put into lib/ the C tests find")
@@ -287,6 +293,10 @@ def dispatch(a):
         from .diagnose.robots import effects
 
         effects.run(a.robot, a.log)
+    elif a.command == "constants":
+        from .blind import constants
+
+        constants.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.update)
     elif a.command == "blind":
         from . import blind
         from .blind import flights, injected, own

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-HORIZONS = (1, 10, 50)
-FOLDS, BLOCK = 4, 4.0  # of the log, in blocks of so many seconds
-DRAWS = 400
+HORIZONS = (1, 10, 50)  # steps, that predictions are compared after
+FOLDS, BLOCK = 4, 4.0  # of the log; s, of the blocks that they are made of
+DRAWS = 400  # of a bootstrap
 SHOWS = 0.15  # of the noise, that a gap must stand out by to have a percentage
 
 

@@ -18,12 +18,13 @@ SAME = 6.0  # squares, by which two explanations may differ and be one
 EDGES = 7  # steps to where an interval of a curve's parameter ends
 RIVALS = 5  # that are fitted in full
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
-STRETCHES, CLEARLY = 20, 2.5  # of a log; standard errors, by which they must show that something can be predicted
-# Odds that a cause acts, on logs of the blind plant: even at so many squares; for others than the main one at what the form of that
-# one may miss, a share of its squares, but no more than a share of all rows; how the logarithm of the odds grows by decade of squares, and
-# by how steadily they are gained, in how many stretches and in more than a few of them.
-EVEN, MISFIT, MISFITS = 40.0, 0.08, 1 / 3
-MAIN, OTHER, OF_STEADINESS, STEADY, OF_CHANCE = 3.0, 5.0, 15.0, 0.9, 3.0
+STRETCHES, CLEARLY = 20, 2.5  # parts of a log; standard errors, by which they must show that something can be predicted
+# Odds that a cause acts, as they are on logs of the blind plant:
+EVEN = 40.0  # squares, at which they are even
+MISFIT, MISFITS = 0.08, 1 / 3  # of the main cause's squares, that its form may miss and another take; of all rows, and no more
+MAIN, OTHER = 3.0, 5.0  # growth of their logarithm by decade of squares, of the main cause; of another
+OF_STEADINESS, STEADY = 15.0, 0.9  # the same by share of stretches in which squares are gained; share at which that counts for nothing
+OF_CHANCE = 3.0  # the same by standard error of the mean gain, below what is clear
 DOUBT = 0.8  # of a confidence stays where something is left
 UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same

@@ -4,8 +4,8 @@ import numpy as np
 
 from . import ahead
 
-BLOCKS, STRIPES, MOST = 8, 24, 8
-SHOWS = 1e-9
+BLOCKS, STRIPES, MOST = 8, 24, 8  # folds; stripes of rows that they are made of; functions that are chosen
+SHOWS = 1e-9  # norm of a column that is not nothing
 CERTAIN = 25.0  # squares of rows that it was not fitted on, that it must take: of noise it takes none
 WORTH = 10.0  # squares, that a function must take: the best of a hundred takes as much of white noise
 

@@ -15,7 +15,7 @@ from .fit import Fitter
 from .noise import QUIET
 from .states import MOVES
 
-STEPS = (10, 20, 50)
+STEPS = (10, 20, 50)  # that predictions are compared after
 OUT = 4.0  # times the error of a perfect model, that a prediction counts for at most
 BETTER = 0.02  # of the error at the longest horizon, that must go for the sizes to be taken
 NEAR = 0.08  # of what a cause is worth, by which another form of it, or none, may be worth less and serve predictions better

@@ -6,7 +6,7 @@ from .... import bridge
 from ...prediction_errors.fit import Cause, Fitter
 from .path import Path
 
-SECONDS, FEWEST_ROWS = 40.0, 200
+SECONDS, FEWEST_ROWS = 40.0, 200  # of a drive that is tried; rows of it, at least
 PAIRS = 6  # that must be distinguished, at most
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-RAYS = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)
-FEW_RAYS = (0.3, 1.0, 3.0)
+RAYS = (0.12, 0.3, 0.6, 1.0, 1.6, 3.0, 6.0)  # of the usual size, at which a scan begins
+FEW_RAYS = (0.3, 1.0, 3.0)  # the same of effects with several sizes
 WIDE = 1.2  # m, the track of a large vehicle
 SECONDS = (0.2, 0.6, 1.8)  # that a limited rate needs for a usual change of the command
 

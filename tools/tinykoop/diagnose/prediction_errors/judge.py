@@ -76,13 +76,13 @@ def dropped(fitter, fit):
     return [fitter.refine(fitter.fit_of(fit.causes[:i] + fit.causes[i + 1 :]), 5) for i in range(len(fit.causes))]
 
 
-def rivals(search, fit, rest, i):
-    """[fits with another effect instead of cause i], the likeliest."""
+def rivals(search, fit, rest, i, count=RIVALS):
+    """[fits with another effect instead of cause i], of so many that are likeliest."""
     fitter, effects = search.fitter, search.path.effects
     mine = effects[fit.causes[i].name].reported_as
     found = [(promise, c) for promise, c in search.candidates(rest) if effects[c.name].reported_as != mine]
     forms = {c.name for c in first_forms(effects, found, len(found))}
-    likely = [Cause(c.name, c.params, fit.causes[i].segments) for _, c in found if c.name in forms][:RIVALS]
+    likely = [Cause(c.name, c.params, fit.causes[i].segments) for _, c in found if c.name in forms][:count]
     return [fitter.refine(fitter.fit_of((*rest.causes, c)), 6) for c in likely]
 
 

@@ -20,7 +20,7 @@ OUT = 4.0  # times the error of a perfect model, that a prediction counts for at
 BETTER = 0.02  # of the error at the longest horizon, that must go for the sizes to be taken
 NEAR = 0.08  # of what a cause is worth, by which another form of it, or none, may be worth less and serve predictions better
 ERRORS = 2.0  # standard errors, by which a simpler set may be worse
-TURNS = 3  # of other forms
+LIKELY, TURNS = 2, 3  # effects that are tried instead of one; turns of other forms
 BLOCK, FEWEST = 100, 4  # rows that count as one observation, twice the longest horizon; of these, to compare by
 
 
@@ -115,7 +115,7 @@ def _others(search, state):
     worths = [rest.cost - state.fit.cost for rest in rests]
     for i, (rest, worth) in enumerate(zip(rests, worths)):
         fits = [search.refined(state, trial) for trial in forms.begun(search, state, i)]
-        fits += judge.rivals(search, state.fit, rest, i)
+        fits += judge.rivals(search, state.fit, rest, i, LIKELY)
         small = worth < NEAR * max(worths)
         out += [fit for fit in (*fits, rest) if small or fit.cost < state.fit.cost + NEAR * worth]
     return out

@@ -145,7 +145,7 @@ def _assurance(add):
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler")
 
-    constants = add("constants", "the diagnoser's constants, and how many answers change when each is halved and doubled")
+    constants = add("constants", "constants of the diagnoser: which answers change when each is halved, doubled")
     constants.add_argument("--n", type=int, default=2, help="logs of each kind")
     constants.add_argument("--seed", type=int, default=7, help="of all logs")
     constants.add_argument("--jobs", type=int, help="processes (default: all cores)")

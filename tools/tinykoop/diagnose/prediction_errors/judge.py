@@ -81,8 +81,7 @@ def rivals(search, fit, rest, i, count=RIVALS):
     fitter, effects = search.fitter, search.path.effects
     mine = effects[fit.causes[i].name].reported_as
     found = [(promise, c) for promise, c in search.candidates(rest) if effects[c.name].reported_as != mine]
-    forms = {c.name for c in first_forms(effects, found, len(found))}
-    likely = [Cause(c.name, c.params, fit.causes[i].segments) for _, c in found if c.name in forms][:count]
+    likely = [replace(c, segments=fit.causes[i].segments) for c in first_forms(effects, found, count)]
     return [fitter.refine(fitter.fit_of((*rest.causes, c)), 6) for c in likely]
 
 

@@ -50,7 +50,7 @@ def answer(path):
     search.at(whole)
     path.tell_hidden(whole.noise)
     starts = ahead.starts_of(path)
-    whole = weighed.chosen(search, whole, starts)
+    whole = search.smoothed(weighed.chosen(search, whole, starts))
     state, small = judge.paying(search, whole, starts) if path.matters_ahead else (whole, [])
     missed = ahead.missed(*weighed.sized(search, whole, starts), starts)
     found, (boxed, box) = ahead.sizes(path, missed), openset.boxed(search, whole, missed, starts)

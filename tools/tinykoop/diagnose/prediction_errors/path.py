@@ -80,6 +80,10 @@ class Path:
         """Looks for the path again with these causes; whether it did. Here it is what was measured."""
         return False
 
+    def smooth(self, causes, noise):
+        """Takes as the path what suits steps with causes and readings best; whether it did. Here refer() does."""
+        return False
+
     def tell_hidden(self, noise):
         """Looks for hidden states by this noise: there are none."""
 

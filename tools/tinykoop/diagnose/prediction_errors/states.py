@@ -16,6 +16,7 @@ STILL = 10.0  # times the degrees of freedom, that squares may be for that to be
 FAR = 5.0  # prices, by which a simpler set may be behind before noise is estimated for it
 EXACT, TRIFLE = 4, 0.5  # turns of steps that are exact; squares, by which they may have been off before
 MARGIN = 4.0  # of -2 log likelihood
+SMOOTHED = 2  # turns of a path and sizes along it
 LOUDER = 3.0  # times what third differences show, that the sensor's noise may be
 
 
@@ -140,6 +141,14 @@ class States:
         if not self.path.refer(state.causes, state.noise):
             return state
         return self._in_turn(self.at(state).fit_of(state.causes))
+
+    def smoothed(self, state):
+        """The state along the path that suits its causes and readings best, with the sizes that it has there."""
+        for _ in range(SMOOTHED):
+            if not self.at(state).path.smooth(state.causes, state.noise):
+                break
+            state = replace(state, fit=self.fitter.refine(self.fitter.fit_of(state.causes), 3))
+        return state
 
     def robust(self, state):
         """With rows that stand alone counted as noisier: a reading that is off, after which the next are not."""

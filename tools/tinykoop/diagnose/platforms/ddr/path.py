@@ -4,7 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 from .... import bridge
-from ...prediction_errors import path
+from ...prediction_errors import path, smooth
 from ...prediction_errors.fit import Effect
 from ...robot import Parameter
 from . import features
@@ -140,6 +140,19 @@ class Path(path.Path):
         if motion != self.motion:
             self.motion = motion
             self._move()
+
+    exact = np.zeros(3)
+
+    def heeded(self):
+        """Variances of readings (K, c) over those of the sensor."""
+        return self.present
+
+    def smooth(self, causes, noise):
+        """Slopes at headings as measured are not those at the robot's own: their noise would make sizes too large."""
+        D = self._beside(causes)
+        moved = smooth.better(self, smooth.weights(self, noise), D, self.E)
+        self._follow(self.X + (self._to_axes.swapaxes(1, 2) @ moved[..., None])[..., 0])
+        return True
 
     def step_by(self, variant):
         """Takes another of the variants."""

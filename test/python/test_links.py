@@ -266,6 +266,16 @@ def test_real_drives_answer_and_their_columns_are_used(name):
 # ---- what people read ----------------------------------------------------------------------------
 
 
+def test_an_effect_with_a_link_is_told_as_established_beside_one_that_is_not():
+    """The best fit has it without its link."""
+    result = diagnosed(("actuator_lag",), ("pacejka_slip",))
+    (first, *_), report = result.report["effects"], result.report
+    plain = {key: value for key, value in first.items() if key != "link"}
+    other = plain | {"name": "lateral_skid", "params": {"k": 0.1}, "units": {"k": "s"}, "confidence": 0.1}
+    told = ddr.Teller(replace(result, report=report | {"effects": [first], "best_fit": [plain, other]})).head().sentences
+    assert "link" in first and [", not established" in sentence for sentence in told] == [False, True]
+
+
 def test_the_page_has_a_table_and_bars_of_the_links():
     result = diagnosed(("actuator_lag",), ("pacejka_slip",))
     section = next(s for s in ddr.Teller(result).story().sections if s.heading == "Where and when")

@@ -183,3 +183,8 @@ def test_assurance_tables_hold_the_totals():
     flip = {"what": "Theta", "trials": 50, "detected": 25, "harmless": 25, "silent": 0, "for_ever": 0, "unsafe": 0}
     table = cells(flips.page([flip | {"configuration": use} for use in flips.USES], 1))
     assert table["gate, checksum"] == ["50", "50.00", "50.00", "0.00", "0", "0"]
+
+
+@pytest.mark.parametrize("value, told", [(100.0, "100"), (99.96, "100"), (2.2e-12, "0"), (0.0253, "0.025"), (-0.5, "-0.5"), (1, "1")])
+def test_figures_of_the_blind_evaluation_have_no_powers_of_ten(value, told):
+    assert blind._figure(value) == told

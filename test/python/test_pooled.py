@@ -246,9 +246,10 @@ def test_logs_of_two_platforms_are_refused(tmp_path):
         pooled.run([("a.csv", report | {"platform": "ddr"}), ("b.csv", report | {"platform": "car"})], tmp_path, robot="ddr")
 
 
-def test_a_log_without_traction_is_refused(tmp_path):
-    reports = [("a.csv", {"platform": "ddr", "effects": []}), ("b.csv", {"platform": "ddr", "effects": [{"name": "no_traction"}]})]
-    with pytest.raises(UserError, match="b.csv: the robot has no traction"):
+@pytest.mark.parametrize("fault", ["no_traction", "no_answer"])
+def test_a_log_of_a_robot_that_does_not_answer_is_refused(tmp_path, fault):
+    reports = [("a.csv", {"platform": "ddr", "effects": []}), ("b.csv", {"platform": "ddr", "effects": [{"name": fault}]})]
+    with pytest.raises(UserError, match="b.csv: the robot does not answer there"):
         pooled.run(reports, tmp_path, robot="ddr")
 
 

@@ -109,12 +109,14 @@ def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
     from tinykoop.diagnose.platforms import ddr
+    from tinykoop.diagnose.platforms.ddr import links
     from tinykoop.diagnose.platforms.fwmav import diagnosis as flight
     from tinykoop.diagnose.prediction_errors import ahead, healthy, judge, spans, weighed
 
     return [
         f"The first {ddr.SETTLE} rows are excluded",
         f"From a long log {ddr.MOST:,} rows are used",
+        f"At most {links.MOST:,} rows of each link are used",
         f"Beyond {bridge.LONG:,} rows the states of the actuators are simulated from {bridge.WARM_UP:g} s before each row",
         f"at least {100 * spans.LEAST:g} % of the log",
         "minimises the errors {}, {} and {} steps ahead".format(*weighed.STEPS),

@@ -8,6 +8,7 @@ from ..plumbing.results import number
 from . import score
 
 HEALTHY = "healthy robots recognised as healthy: all kinds of noise, random slip, tiny gaps"
+NOTHING = 1e-9
 HEADERS = ["", "found", "of", "95 % interval from", "to"]
 
 
@@ -22,12 +23,17 @@ def _share(words, rows, mark, right=True):
     return [words, count, found["n"], number(low, 2), number(high, 2)]
 
 
+def _figure(value):
+    """Two digits that people read: no power of ten, and no rounding error of what is nothing."""
+    return f"{float(f'{value:.2g}'):g}" if abs(value) > NOTHING else "0"
+
+
 def _typical(words, rows, mark, scale=1):
     """A line: the median, or the mean where `score` has one, of a mark."""
     found = score.figure(rows, mark)
     if found["value"] is None:
         return [words, "-", "-", "-", "-"]
-    return [words, number(scale * found["value"], 2), found["n"], *(number(scale * edge, 2) for edge in found["ci95"])]
+    return [words, _figure(scale * found["value"]), found["n"], *(_figure(scale * edge) for edge in found["ci95"])]
 
 
 def _all_covered(row):

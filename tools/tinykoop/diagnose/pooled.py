@@ -5,10 +5,9 @@ from pathlib import Path
 from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, print_table, write_json
-from . import platform
+from . import platform, several, standing
 from .diagnosis import called, gaps, inside, limits
 from .elsewhere import seconds
-from .platforms.ddr import standing
 from .prediction_errors import judge
 from .prediction_errors.fit import ALWAYS, Cause
 from .prediction_errors.joint import answer
@@ -29,15 +28,15 @@ def run(reports, out, groups=None, robot=None, without=(), healthy=()):
     """The content of pooled.json, which is written to `out`.
 
     reports: [(log file, its report)]; groups: a label for each; without it, each log is a group. Others: as diagnose.run() takes them.
-    Raises UserError if the logs are not of one platform, or one has no traction.
+    Raises UserError if the logs are not of one platform, or in one the robot does not answer.
     """
-    logs, labels = [log for log, _ in reports], groups or _names([log for log, _ in reports])
+    logs, labels = [log for log, _ in reports], groups or several.names([log for log, _ in reports])
     robot = of_log(logs[0]) if robot is None else robot
     for log, report in reports:
         if report["platform"] != reports[0][1]["platform"]:
             raise UserError(f"{log}: a log of {report['platform']}, not of {reports[0][1]['platform']}; pool logs of one robot")
-        if any(effect["name"] == standing.EFFECT for effect in report["effects"]):
-            raise UserError(f"{log}: the robot has no traction there; leave this log out")
+        if any(effect["name"] in standing.FAULTS for effect in report["effects"]):
+            raise UserError(f"{log}: the robot does not answer there; leave this log out")
     members = {label: tuple(k for k, other in enumerate(labels) if other == label) for label in dict.fromkeys(labels)}
     with busy(f"fitting {len(logs)} logs together"):
         paths = [_path(log, robot, without, healthy) for log in logs]
@@ -48,12 +47,6 @@ def run(reports, out, groups=None, robot=None, without=(), healthy=()):
     write_json(output_folder(out) / "pooled.json", report)
     _show(report)
     return report
-
-
-def _names(logs):
-    """Of each log, different ones."""
-    stems = [Path(log).stem for log in logs]
-    return [stem if stems.count(stem) == 1 else f"{k + 1}-{stem}" for k, stem in enumerate(stems)]
 
 
 def _path(log, robot, without, healthy):

@@ -19,10 +19,10 @@ def _diagnosed(command, log, out, folder):
     return log, report, done.stderr.strip()
 
 
-def _folders(logs, out):
-    """A folder of its own for each log, by its name."""
-    names = [Path(log).stem for log in logs]
-    return [out / (name if names.count(name) == 1 else f"{i + 1}-{name}") for i, name in enumerate(names)]
+def names(logs):
+    """What each log is called: different from the others."""
+    stems = [Path(log).stem for log in logs]
+    return [stem if stems.count(stem) == 1 else f"{i + 1}-{stem}" for i, stem in enumerate(stems)]
 
 
 def _line(log, report):
@@ -40,7 +40,7 @@ def run(logs, out, options, jobs=None, cluster=None):
     command = (sys.executable, "-m", "tinykoop.cli", "diagnose", *options)
     with workers(cluster, jobs):
         found = {}
-        for log, report, said in each(_diagnosed, [(command, log, to, Path.cwd()) for log, to in zip(logs, _folders(logs, out))], "logs"):
+        for log, report, said in each(_diagnosed, [(command, log, out / name, Path.cwd()) for log, name in zip(logs, names(logs))], "logs"):
             found[str(log)] = (report, said)
     write_json(out / "diagnoses.json", [{"log": str(log), "report": found[str(log)][0], "error": found[str(log)][1]} for log in logs])
     good = [(log, found[str(log)][0]) for log in logs if found[str(log)][0]]

@@ -81,6 +81,7 @@ class Teller:
         self.result, self.report = result, result.report
         self.effects, self.left = self.report["effects"], self.report["unexplained"]
         self.fitted = self.report["best_fit"] or self.effects  # what predictions were made with
+        self.sure = {effect["name"] for effect in self.effects}
         self.name, self.gap = self.gaps(self.report)[0]
         self.size = words.size_of(self.gap["unit"])
 
@@ -226,10 +227,10 @@ class Teller:
 
     def effect_rows(self, effects):
         """One row per parameter. An effect that is not established has no confidence."""
-        rows, sure = [], [effect["name"] for effect in self.effects]
+        rows = []
         for effect in effects:
             for i, (name, value, bounds, remarks) in enumerate(words.parameters(effect) or [("", "-", "-", ())]):
-                confidence = percent(effect["confidence"]) if effect["name"] in sure else "-"
+                confidence = percent(effect["confidence"]) if effect["name"] in self.sure else "-"
                 remarks = [f"form: {self.title(effect['form'])}", *remarks] if i == 0 and "form" in effect else remarks
                 first = (self.title(effect["name"]), confidence, self.acts(effect)) if i == 0 else ("", "", "")
                 rows.append((first[0], f"{name} = {value}" if name else "-", bounds, first[1], first[2], ", ".join(remarks)))
@@ -304,8 +305,8 @@ class Teller:
 
     def doubts(self):
         """Why the effects may not be the cause."""
-        said, sure = [], {effect["name"] for effect in self.effects}
-        helpers = [effect for effect in self.report["best_fit"] if effect["name"] not in sure]
+        said = []
+        helpers = [effect for effect in self.report["best_fit"] if effect["name"] not in self.sure]
         if self.report["verdict"] == "unknown" and helpers:
             said.append("A best fit is not a diagnosis: do not take these effects for the cause.")
         elif helpers:
@@ -369,7 +370,7 @@ class Teller:
 
     def head(self):
         """The gap, what the platform shows of predictions, and the effects where the first sentence has no room for them."""
-        told = self.fitted == self.effects and len(self.effects) <= MOST_PHRASES
+        told = not self.report["best_fit"] and len(self.effects) <= MOST_PHRASES
         causes = () if told else tuple(
             f"{self.phrase(e)} ({self.title(e['name'])}, {self.acts(e)}{self._confidence(e)})" for e in self.fitted
         )  # fmt: skip
@@ -377,7 +378,7 @@ class Teller:
         return Section("", note=note, figures=(self.gap_figure(self.gap), self.predictions()), sentences=causes)
 
     def _confidence(self, effect):
-        return f", confidence {percent(effect['confidence'])}" if effect in self.effects else ", not established"
+        return f", confidence {percent(effect['confidence'])}" if effect["name"] in self.sure else ", not established"
 
     def predictions(self):
         """(caption, figure) of predictions beside the log: the platform's."""

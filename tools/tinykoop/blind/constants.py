@@ -129,5 +129,5 @@ def _line(module, name, value, reason, found, base, truth):
     half, double = (found[module, name, _scaled(value, factor)] for factor in FACTORS)
     changed = [sum(a != b for a, b in zip(answers, base)) for answers in (half, double)]
     right = [sum(a == b for a, b in zip(answers, truth)) for answers in (half, base, double)]
-    shown = np.array2string(np.asarray(value), precision=4, separator=", ").strip("[]")
+    shown = ", ".join(f"{part:g}" for part in np.ravel(value))
     return [f"`{module.partition('.diagnose.')[2].replace('.', '/')}.{name}`", shown, reason, *changed, *right]

@@ -11,6 +11,10 @@ def test_every_constant_has_its_reason():
     assert len(listed) > 100 and [(module, name) for module, name, _, reason in listed if not reason] == []
 
 
+def test_every_column_of_the_table_has_a_name_of_its_own():
+    assert len(set(constants.HEADERS)) == len(constants.HEADERS)
+
+
 def test_a_constant_is_changed_wherever_it_was_imported_to_and_nowhere_else():
     """MARGIN is of states and used in simpler; judge has a MOST of no one else."""
     before = states.MARGIN

@@ -24,7 +24,7 @@ PARTS = ("prediction_errors", "platforms.ddr")
 TIERS_USED = ("single", "single_other", "pair", "none_slip", "slipping", "lags")
 N, SEED = 2, 7
 FACTORS = (0.5, 2.0)
-HEADERS = ["constant", "value", "reason", "changed at half", "at double", "right at half", "as it is", "at double"]
+HEADERS = ["constant", "value", "reason", "changed at half", "changed at double", "right at half", "right as it is", "right at double"]
 
 
 def listed():

@@ -55,6 +55,7 @@ def answer(path):
     sizes = weighed.sized(search, whole, starts)
     missed = ahead.missed(*sizes, starts)
     found, (boxed, box) = ahead.sizes(path, missed), openset.boxed(search, whole, missed, starts)
+    plain = box.rival()
     fitter = search.at(state)
     sizes = sizes if state is whole else weighed.sized(search, state, starts)
     before, after = ahead.errors(path, (), starts), ahead.after(*sizes, starts)
@@ -67,7 +68,7 @@ def answer(path):
         state = replace(state, fit=named)
         fit, rests = _by_worth(search.at(state), named)
         rivals = judge.all_rivals(search, fit, rests)
-    proofs = judge.proofs(search, fit, rests, rivals, left)
+    proofs = judge.proofs(search, fit, rests, rivals, left, box, plain)
     word = judge.verdict(path, proofs, left)
     if word == "none":
         fit, proofs, after = fitter.fit_of(()), [], before

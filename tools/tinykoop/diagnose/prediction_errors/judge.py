@@ -17,6 +17,7 @@ ESTABLISHED = 0.5  # confidence that a cause or what cannot be distinguished fro
 SAME = 6.0  # squares, by which two explanations may differ and be one
 EDGES = 7  # steps to where an interval of a curve's parameter ends
 RIVALS = 5  # that are fitted in full
+PLAIN = "plain functions"  # as a rival of causes
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
 STRETCHES, CLEARLY = 20, 2.5  # parts of a log; standard errors, by which they must show that something can be predicted
 # Odds that a cause acts, as they are on logs of the blind plant:
@@ -153,9 +154,27 @@ def confidences(path, sure, left, behind, others, absorbed=0.0):
     return float(sure / (1 + same)), float(sure)
 
 
-def proofs(search, fit, rests, every, left):
-    """[Proof] of each cause of a fit; every: all_rivals()."""
+def unmatched(fitter, fit, rests, box):
+    """Squares that the absence of each cause costs where the functions of a box, which add to the causes, may stand in its place.
+
+    What a function does as well is no evidence of the one form that a cause has.
+    """
+    stands = box.functions.white(box.functions.pushes[..., box.beside.chosen])
+
+    def least(some):
+        Q = np.linalg.qr(np.hstack([fitter.jacobian(some), stands]))[0]
+        return some.cost - ((Q.T @ some.left) ** 2).sum()
+
+    return [max(least(rest) - least(fit), 0.0) for rest in rests]
+
+
+def proofs(search, fit, rests, every, left, box, plain):
+    """[Proof] of each cause of a fit.
+
+    every: all_rivals(); box: the BlackBox of what the causes leave; plain: squares and price, by which plain functions instead are worse.
+    """
     out, worths = [], [max(rest.cost - fit.cost, 0.0) for rest in rests]
+    alone = np.minimum(worths, unmatched(search.fitter, fit, rests, box)) if box.shows else worths
     for i, (rest, rivals, worth) in enumerate(zip(rests, every, worths)):
         called = lambda r: search.path.effects[r.causes[-1].name].reported_as  # noqa: E731
         absorbed = {called(r): float(np.clip((rest.cost - r.cost) / max(worth, 1e-9), 0, 1)) for r in rivals}
@@ -163,9 +182,9 @@ def proofs(search, fit, rests, every, left):
         others = [n for n, d in behind.items() if (d < search.price and absorbed[n] > 0.5) or absorbed[n] > search.path.alias]
         others += [n for n in _pair(search, fit, rivals, fit.causes[i].name) if n not in others]
         alike = any(fit.causes[i].name in names for names in search.path.lookalikes if names <= set(fit.names))
-        sure = certainty(search.path, worth, max(worths), steadiness(fit, rest), left, alike)
+        sure = certainty(search.path, alone[i], max(alone), steadiness(fit, rest), left, alike)
         most = max(absorbed.values(), default=0)
-        confidence, any_name = confidences(search.path, sure, left, {**behind, "": worth}, others, most)
+        confidence, any_name = confidences(search.path, sure, left, {**behind, "": worth, PLAIN: plain}, others, most)
         out.append(Proof(float(worth), confidence, tuple(others), rest, absorbed, any_name))
     return out
 
@@ -194,7 +213,8 @@ def left(search, state, before, after, boxed, floor, box, starts):
     path = search.path
     noises = state.noise.quiet(path), state.noise
     parts = before, after, boxed, floor, *(ahead.floor(path, noise, starts) for noise in noises)
-    found = [_left_in(path, state.noise, [part[gap] for part in parts], box.shows, gap) for gap in path.gaps]
+    moved = box.moved if box.shows and box.moved else {gap: np.zeros_like(before[gap]) for gap in path.gaps}
+    found = [_left_in(path, state.noise, [part[gap] for part in (*parts, moved)], gap) for gap in path.gaps]
     found = next((one for one in found if one.of >= one.smallest), found[0])
     return replace(found, white=_white(state.fit.left.reshape(path.present.shape)))
 
@@ -206,20 +226,21 @@ def _white(left):
     return bool(np.abs(lags).max() < max(CORRELATED, chance))
 
 
-def _left_in(path, noise, parts, shows, gap):
+def _left_in(path, noise, parts, gap):
     """The Left of one gap, at that of the longer horizons where the larger share is left."""
     seen = np.flatnonzero(np.isfinite(parts[0]).any(0))[1:][-2:]
-    found = [_left_at(path, noise, *parts, shows, gap, h) for h in (seen if len(seen) else [0])]
+    found = [_left_at(path, noise, *parts, gap, h) for h in (seen if len(seen) else [0])]
     return max(reversed(found), key=lambda one: one.matters * one.share)
 
 
-def _left_at(path, noise, before, after, boxed, floor, still, moving, shows, gap, h):
+def _left_at(path, noise, before, after, boxed, floor, still, moving, pushed, gap, h):
     usual = after[:, h] <= np.nanquantile(after[:, h], USUAL) if np.isfinite(after[:, h]).any() else slice(0)  # outliers prove nothing
     missed, noisy = ahead.rms(after[usual, h]), ahead.rms(moving)[h]
     surely = not path.calibrated or _better(after[usual, h], moving[usual, h])
     unmodelled = _apart(missed, noisy) if missed > STANDS_OUT * noisy and surely else 0.0
     moved, least = (0.0, floor) if path.wanders else (_apart(noisy, ahead.rms(still)[h]), still)
-    predicted = _apart(ahead.rms(after)[h], ahead.rms(boxed)[h]) if shows or _better(after[:, h], boxed[:, h]) else 0.0
+    predicted = _apart(ahead.rms(after)[h], ahead.rms(boxed)[h]) if _better(after[:, h], boxed[:, h]) else 0.0
+    predicted = max(predicted, min(ahead.rms(pushed)[h], missed))
     gap_left, of = max(unmodelled, predicted, moved), _apart(ahead.rms(before)[h], ahead.rms(least)[h])
     return Left(gap_left, max(gap_left, of), float(path.smallest_of(gap, noise, ahead.HORIZONS[h])), path.gaps[gap][0])
 

@@ -4,13 +4,19 @@ They answer what no list of effects can: on what that depends which no effect ex
 """
 
 import numpy as np
-from scipy import linalg, ndimage
+from scipy import linalg, ndimage, signal
 
 SMOOTH = 25  # rows
 SHIFTS = (1, -1, -2, -4)  # rows: what answers a command too early, or late as no lag does
 LARGE, LATE = (0.5, 0.8), 1.0  # quantiles of what is large; s, by which actuators may follow it late
 HALF_TRACK = 1.0  # of the wheels, in units of the usual speed over the usual yaw rate
 BLOCKS = 6  # of time, for errors that come and go
+WARMS = (5.0, 20.0)  # s, over which motors and brakes remember how they were used
+REVERSED = (0.4, 1.0)  # s, for which a reversal may be felt
+SWINGS, DAMPING = tuple(np.geomspace(0.4, 1.6, 6)), 0.12  # Hz, of loads and masts; damping ratio, so that two neighbours overlap
+WHEELS = (0.04, 1.0)  # m, radii of wheels
+SPOT, PEAKS = 0.01, 3  # m of the way, that count as one place; radii that are tried
+CELLS, REACH = 6, 2.0  # of a map, per axis; standard deviations of the place, that it reaches to
 
 
 def _after(u, seconds, dt):
@@ -25,8 +31,75 @@ def _shifted(c, rows):
     return np.concatenate([c[rows:], np.full(rows, c[-1])]) if rows > 0 else np.concatenate([np.full(-rows, c[0]), c[:rows]])
 
 
-def functions(u, pose, dt):
-    """{name: (values (K), channels it acts on)}; names group by what the error depends on."""
+def _past(c, seconds, dt):
+    """Mean square of a command (K,) in so many seconds before."""
+    keep = np.exp(-dt / seconds)
+    return signal.lfilter([1 - keep], [1, -keep], c**2)
+
+
+def _felt(c, seconds, dt):
+    """+-1 when a command changes its sign, and what is felt of that later."""
+    turns = np.diff(np.sign(c), prepend=np.sign(c[0])) / 2
+    return signal.lfilter([1.0], [1, -np.exp(-dt / seconds)], turns)
+
+
+def _swing(c, frequency, dt):
+    """Swing and rate of a damped pendulum that changes of a command (K,) push, (K, 2)."""
+    pole = np.exp((-DAMPING + 1j * np.sqrt(1 - DAMPING**2)) * 2 * np.pi * frequency * dt)
+    swing = signal.lfilter([1.0], [1, -pole], np.diff(c, prepend=c[0]))
+    return np.stack([swing.imag, swing.real], 1)
+
+
+def remembered(u, dt):
+    """{name: (values (K), channels)} of what a robot remembers of its commands: heat, reversals, loads that swing."""
+    table = {}
+    for title, c, on in (("v", u[:, 0], 0), ("omega", u[:, 1], 2)):
+        scale = np.std(c) + 1e-9
+        for seconds in WARMS:
+            table[f"use of {title} in the past: {seconds:g} s"] = (_past(c / scale, seconds, dt) * c / scale, (on,))
+        for seconds in REVERSED:
+            table[f"reversals of {title}: {seconds:g} s"] = (_felt(c, seconds, dt), (on, 2))
+        for frequency in SWINGS:
+            for part, values in zip(("swing", "rate"), _swing(c / scale, frequency, dt).T):
+                table[f"swings of {frequency:.2g} Hz after changes of {title}: {part}"] = (values, (on,))
+    return table
+
+
+def _map(place, a):
+    """Bumps on a grid of the place (K, 2), times the speed."""
+    centres = np.linspace(-REACH, REACH, CELLS)
+    x, y = (np.exp(-0.5 * ((axis[:, None] - centres) / (centres[1] - centres[0])) ** 2) for axis in place.T)
+    return {f"place: v, {i}, {j}": (x[:, i] * y[:, j] * a, (0,)) for i in range(CELLS) for j in range(CELLS)}
+
+
+def _turning(way, a, left):
+    """Waves of the way (K,) that wheels which are not round make, of the radii that show most in what is left (K, 3)."""
+    spots, table = ((way - way[0]) / SPOT).astype(int), {}
+    count = 2 * (spots[-1] + 1)  # twice as many as there are, so that no wave falls between two that are tried
+    paces = 2 * np.pi * np.arange(count // 2 + 1) / (count * SPOT)
+    of_wheels = (paces > 1 / WHEELS[1]) & (paces < 1 / WHEELS[0])
+    for title, axis in (("speed", 0), ("turn", 2)):
+        shown = np.abs(np.fft.rfft(np.bincount(spots, left[:, axis] * a), count)) * of_wheels
+        for k in sorted(_peaks(shown), key=lambda k: -shown[k])[:PEAKS]:
+            for part, wave in (("sine", np.sin(paces[k] * way)), ("cosine", np.cos(paces[k] * way))):
+                table[f"angle of a wheel of {1 / paces[k]:.2f} m radius: {title}, {part}"] = (a * wave, (axis,))
+    return table
+
+
+def _peaks(values):
+    """Indices of values that are greater than their neighbours."""
+    padded = np.concatenate([[0.0], values, [0.0]])
+    return np.flatnonzero((values > padded[:-2]) & (values > padded[2:]))
+
+
+def functions(u, rows, pose, dt, left):
+    """{name: (values (K), channels it acts on)}; names group by what the error depends on.
+
+    u: commands of the whole log; rows, pose, left (K, 3): the rows that are looked at, their poses and what the causes leave there.
+    """
+    later = {title: (values[rows], on) for title, (values, on) in remembered(u, dt).items()}
+    step = np.abs(u[:, 0]) * dt
+    way, u = (np.cumsum(step) - step / 2)[rows], u[rows]
     v, w = u.T
     K = len(u)
     t = np.linspace(-1, 1, K)
@@ -65,16 +138,22 @@ def functions(u, pose, dt):
         inside = ((t + 1) / 2 * BLOCKS).astype(int) == i
         table[f"block v {i}"] = (inside * a, (0, 1))
         table[f"block omega {i}"] = (inside * b, (1, 2))
+    far = np.hypot(*(pose[:, :2] - pose[0, :2]).T)
+    table["distance from the start: v"] = (far / (far.std() + 1e-9) * a, (0,))
+    table["distance from the start: near v"] = (far / (far + np.median(far) + 1e-9) * a, (0,))
+    table["angle turned through: v"] = ((theta - theta[0]) * a, (1,))
     place = pose[:, :2] - pose[:, :2].mean(0)
     place = place / (place.std() + 1e-9)
     for axis, name in enumerate("xy"):
         table[f"place v {name}"] = (place[:, axis] * a, (0, 1))
         table[f"place omega {name}"] = (place[:, axis] * b, (2,))
-    return table
+    return table | _map(place, a) | later | _turning(way, a, left)
 
 
 def dependence(name):
-    """The group a feature's name belongs to, for words."""
+    """The group a feature's name belongs to, for words: what stands before a colon, or what its first word means."""
+    if ":" in name:
+        return name.split(":")[0]
     for word in ("change", "heading", "time", "block", "place", "small", "sign", "large"):
         if name.startswith(word):
             return {

@@ -242,10 +242,13 @@ class Path(path.Path):
 
     dependence = staticmethod(features.dependence)
 
-    def generic(self):
-        """[((function, channel))], pushes (K, 3, q) by plain functions of command, heading, time and place."""
+    def generic(self, left):
+        """[((function, channel))], pushes (K, 3, q) by plain functions of command, heading, time and place.
+
+        left (K, 3): innovations, in which wheels that are not round are looked for.
+        """
         names, columns = [], []
-        for title, (values, on) in features.functions(self.u[self.rows], self.X, self.dt).items():
+        for title, (values, on) in features.functions(self.u, self.rows, self.X, self.dt, left).items():
             for channel in on:
                 names.append((title, channel))
                 columns.append(self.dt * np.eye(3)[channel] * values[:, None])

@@ -135,7 +135,7 @@ class Path(path.Path):
         """A gap that matters, rad."""
         return SMALLEST * float(np.sqrt((self.noises.missed[-1, list(self.gaps[gap][1])] ** 2).sum()))
 
-    def generic(self):
+    def generic(self, left):
         """[((function, acceleration))], what accelerations of the body by plain functions of command, motion and time change (K, 9, q)."""
         names, columns, plain = [], [], self.innovations(())
         for title, (values, accelerations) in functions(self.log).items():

@@ -583,7 +583,7 @@ class Path(path.Path):
 
     preference = staticmethod(preference)
 
-    def generic(self):
+    def generic(self, left):
         """[((function, state))], pushes (K, n, q) by plain functions of states and commands."""
         names, columns = [], []
         for title, values in features.functions(self.robot, self.X, self.at.u, self.reach, self.u_reach):

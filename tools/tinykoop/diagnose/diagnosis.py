@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import elsewhere
+from . import cautions, elsewhere
 from .prediction_errors import ahead, judge, openset
 from .prediction_errors.answer import Answer
 from .prediction_errors.search import Search
@@ -164,7 +164,10 @@ def report_of(found, where, hidden, unexplained=None, seed=0):
         "not_testable": hidden,
         "unexplained": left_over(found) if unexplained is None else unexplained,
         "noise": noise(path, found.state.noise, found.state.motion),
-        "log": {"rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": elsewhere.seconds(log)},
+        "log": {
+            "rows": len(log.x), "dt": log.dt, "usable": float(log.usable.mean()), "seconds": elsewhere.seconds(log),
+            "cautions": cautions.of(found),
+        },
     }  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from . import cautions
 from .diagnosis import report_of
 from .elsewhere import seconds
 from .prediction_errors import ahead
@@ -20,9 +21,11 @@ def found(moving, still):
 def report(moving, still, fault, where):
     """What all platforms say; moving, still: Answers of the simulator and of one whose link is dead; fault: the effect of the report."""
     result = replace(still, verdict="known", before=moving.before, small=[])
-    return report_of(result, where, [], _nothing_left(result)) | {
+    told = report_of(result, where, [], _nothing_left(result)) | {
         "effects": [fault], "ranking": [{"name": fault["name"], "score": 1.0}], "healthy": {"logs": 0, "effects": []}, "contributions": {},
     }  # fmt: skip
+    told["log"]["cautions"] = cautions.of_log(moving.path)
+    return told
 
 
 def fault(name, link, motion, evidence, log):

@@ -38,6 +38,8 @@ class Path:
     calibrated = False  # whether confidence is reckoned from evidence, as it was calibrated for drives
     partial = 0.5  # confidence of the surest cause, from which on a verdict is partly where something is left
     wanders = True  # whether the robot moves at random, as slipping wheels do; else what looks random is left over
+    command_names: tuple = ()
+    steered = False  # whether the robot always runs in a closed loop, so that the report need not say so
     steady = False  # whether one command was held throughout
     weighed = False  # whether sizes are fitted to predictions many steps ahead, where the robot moves at random
     spent = False  # whether the simulator was asked so much that no further cause is looked for

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ...plumbing.results import number
 from ..elsewhere import AT_END
+from ..prediction_errors.ahead import HORIZONS
 from . import figures, words
 from .words import capital, listed, percent, real, title
 
@@ -301,7 +302,7 @@ class Teller:
 
     def asides(self):
         """What must stand right beside the verdict: short sentences."""
-        return self.doubts() + self.random() + self.small() + self.tried()
+        return self.doubts() + self.random() + self.small() + self.cautions() + self.tried()
 
     def doubts(self):
         """Why the effects may not be the cause."""
@@ -329,6 +330,37 @@ class Teller:
         """What is significant and too small to matter."""
         small = self.report["small"]
         return [f"Significant, but too small to matter on this log: {listed(self.phrase(e) for e in small)}."] if small else []
+
+    def cautions(self):
+        """What limits the log by itself, each with what to do about it."""
+        told = {"closed_loop": self._closed_loop, "short": self._short, "steady": self._steady}
+        return [told[caution["kind"]](caution) for caution in self.report["log"].get("cautions", ())]
+
+    @staticmethod
+    def _closed_loop(caution):
+        shares = caution["share"]
+        name = max(shares, key=lambda name: real(shares[name]))
+        return (
+            f"Closed loop: measurements predict {percent(shares[name])} of the changes of {name} that past commands do not, so a wrong noise "
+            "model can bias the effects; drive the commands open loop, or add a random signal (dither) to them."
+        )
+
+    def _short(self, caution):
+        need = f"Short: this {self.log}"
+        if caution["predictions"] < caution["least_predictions"]:
+            said = f"holds {caution['predictions']} separate predictions of {max(HORIZONS)} steps, and {caution['least_predictions']} are needed"
+        else:
+            said = f"lasts {words.seconds(caution['seconds'])}, and its held-out blocks need {words.seconds(caution['least_seconds'])}"
+        return f"{need} {said}; record a longer one without gaps."
+
+    @staticmethod
+    def _steady(caution):
+        held = caution["variation"]
+        hardly, of = ("hardly varies", "its") if len(held) == 1 else ("hardly vary", "their")
+        return (
+            f"Steady: {listed(held)} {hardly} (by {percent(max(map(real, held.values())))} of {of} largest size), so this log separates no "
+            "gain from a bias and shows no lag, delay or dead band there; record steps of several sizes."
+        )
 
     def tried(self):
         """On what the effects were tried."""

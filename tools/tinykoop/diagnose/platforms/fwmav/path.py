@@ -55,6 +55,7 @@ class Path(path.Path):
     gaps = {"attitude": ("rad", tuple(range(*ANGLES.indices(len(CHANNELS)))))}
     sensors, pushes = {channel: (unit, c) for c, (channel, unit) in enumerate(zip(CHANNELS, UNITS))}, {}
     wraps = tuple(unit == "rad" for unit in UNITS)
+    command_names, steered = ("u",), True
     usual = np.zeros(0)  # random motion is in the noise of healthy flights
     variants, variant = ("as it flies",), 0
     alike_rows = 50  # that tell about as much as one: a manoeuvre lasts half a second

@@ -139,6 +139,10 @@ class Path(path.Path):
         return np.where(np.isfinite(self.log.y), self.measured, np.nan)
 
     @property
+    def command_names(self):
+        return [command.name for command in self.robot.commands]
+
+    @property
     def wraps(self):
         return [channel.wraps for channel in self.robot.channels]
 

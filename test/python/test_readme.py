@@ -108,6 +108,7 @@ def test_assurance_names_files_that_exist():
 def _figures_of_the_diagnoser():
     """What docs/diagnose.md says of its constants, as the code has them."""
     from tinykoop import bridge
+    from tinykoop.diagnose import cautions
     from tinykoop.diagnose.platforms import ddr
     from tinykoop.diagnose.platforms.ddr import links
     from tinykoop.diagnose.platforms.fwmav import diagnosis as flight
@@ -140,6 +141,13 @@ def _figures_of_the_diagnoser():
         f"over {flight.WORSE:g} times worse",
         f"over {flight.ANOTHER:g} times the variance",
         f"{flight.KICKED:g} s before and after the change",
+        f"a command is at most {100 * cautions.STEADY:g} % of its largest size",
+        f"Fewer than {cautions.FEWEST} separate predictions of {max(ahead.HORIZONS)} steps",
+        f"usable rows last less than {ahead.FOLDS * ahead.BLOCK:g} s",
+        f"their own past of {cautions.PAST} rows",
+        f"present and the last {cautions.LAGS} rows",
+        f"a p-value of {cautions.CHANCE:.4f} over all commands",
+        f"at least {100 * cautions.SHARE:g} % of what past commands leave open",
     ]
 
 

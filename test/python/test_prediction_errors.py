@@ -12,6 +12,7 @@ from tinykoop.diagnose.platforms import ddr
 from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans, weighed
 from tinykoop.diagnose.prediction_errors.fit import SPREAD, Cause, Fit, Fitter
 from tinykoop.diagnose.prediction_errors.noise import Noise
+from tinykoop.diagnose.prediction_errors.profiles import Profile
 from tinykoop.diagnose.prediction_errors.search import Search
 
 SHORT, LONG = 600, 1200  # rows: effects here come and go, the last of them after 50 s
@@ -374,9 +375,7 @@ def test_profile_of_what_is_linear_is_the_interval_by_slopes():
     J = fitter.jacobian(fit)
     half = 1.96 * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
     for index, z in enumerate(fitter.vector(fit.causes)[0]):
-        assert judge.profile(fitter, fit, index, 0.3 * half[index]) == pytest.approx(
-            [z - half[index], z + half[index]], abs=0.1 * half[index]
-        )
+        assert Profile(fitter, fit).interval(index) == pytest.approx((z - half[index], z + half[index]), abs=0.1 * half[index])
 
 
 def test_profiles_of_a_curve_hold_the_truth():

@@ -1,12 +1,14 @@
 """The report of the contract: what all platforms say of the answer to one log."""
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
 from . import cautions, elsewhere
 from .prediction_errors import ahead, judge, openset
 from .prediction_errors.answer import Answer
+from .prediction_errors.profiles import Profile
 from .prediction_errors.search import Search
 
 
@@ -50,12 +52,12 @@ def inside(segments, end):
     return [[float(max(a, 0.0)), float(min(b, end))] for a, b in segments]
 
 
-def limits(fitter, fit):
-    """[{parameter: its 95 % interval}] of the causes of a fit."""
-    out, at, intervals = [], 0, judge.intervals(fitter, fit)
+def limits(fitter, fit, profiled=None):
+    """[{parameter: its 95 % interval}] of the causes of a fit; profiled: gives its Profile."""
+    out, at, intervals, profiled = [], 0, judge.intervals(fitter, fit), profiled or cache(lambda: Profile(fitter, fit))
     for i, cause in enumerate(fit.causes):
         spec = fitter.effects[cause.name].parameters
-        out.append({p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k]) for k, p in enumerate(spec)})
+        out.append({p.name: judge.limits(fitter, fit, i, k, at + k, intervals[at + k], profiled) for k, p in enumerate(spec)})
         at += len(spec)
     return out
 

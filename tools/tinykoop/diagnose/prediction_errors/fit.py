@@ -88,6 +88,7 @@ class Fitter:
     smooth = False  # whether squares have a slope to every size
     guessing = True  # whether curves are guessed to be as usual
     held_at = ()  # indices of sizes that stay as they are
+    slopes_by = STEP  # by which slopes are taken
 
     def __init__(self, path, noise):
         self.path, self.noise, self.effects = path, noise, path.effects
@@ -153,7 +154,7 @@ class Fitter:
         z, _, high, _ = self.vector(fit.causes)
         if not len(z):
             return np.zeros((len(fit.left), 0))
-        steps = np.where(z + STEP <= high, STEP, -STEP)
+        steps = np.where(z + self.slopes_by <= high, self.slopes_by, -self.slopes_by)
         trials = [self.split(fit.causes, z + step * unit) for step, unit in zip(steps, np.eye(len(z)))]
         return (self.lefts(trials) - fit.left[:, None]) / steps
 

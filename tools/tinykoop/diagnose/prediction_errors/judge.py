@@ -1,6 +1,5 @@
 """What a search says: which causes matter, how sure each is, which others do as well, and whether something is left."""
 
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,13 +8,13 @@ from scipy import special
 from . import ahead
 from .candidates import first_forms
 from .fit import SLOPE, Cause, Fit
+from .profiles import Profile
 
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
 BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
 ESTABLISHED = 0.5  # confidence that a cause or what cannot be distinguished from it acts, from which on it is named
 SAME = 6.0  # squares, by which two explanations may differ and be one
-EDGES = 7  # steps to where an interval of a curve's parameter ends
 RIVALS = 5  # that are fitted in full
 PLAIN = "plain functions"  # as a rival of causes
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
@@ -291,23 +290,11 @@ def threshold_interval(fitter, fit, index, price=3.84):
     return ends
 
 
-def profile(fitter, fit, index, half, spread=1.0, price=3.84):
-    """Where squares rise by `price` for one parameter, the others fitted again: of a curve and of thresholds they make up for much of it, and
-    not linearly.
-
-    half: the width with which it begins; spread: times the noise, that blocks of rows differ by. What is guessed of curves is left out: it
-    is no measurement.
-    """
-    free = copy(fitter)
-    free.guessing = False
-    best = free.refine(free.fit_of(fit.causes), 4)
-    held = copy(free)
-    held.held_at = (index,)
-    z, low, high, _ = fitter.vector(best.causes)
-    most = best.cost + price * max(spread, 1.0) ** 2
-    ends = [_edge(held, best, index, sign * half, (low, high)[sign > 0][index] - z[index], most) for sign in (-1, 1)]
-    told = fitter.vector(fit.causes)[0][index]
-    return [min(ends[0], told), max(ends[1], told)]
+def profile(profiled, fit, index, spread=1.0, begin=0.0):
+    """The interval of one size by a Profile, with the size that is told, which guesses of curves may have moved."""
+    low, high = profiled.interval(index, spread, begin)
+    told = profiled.fitter.vector(fit.causes)[0][index]
+    return [min(low, told), max(high, told)]
 
 
 def _half_by_noise(fitter, fit, index):
@@ -315,23 +302,6 @@ def _half_by_noise(fitter, fit, index):
     Q = _others(fitter, fit, index)
     alone = J[:, index] - Q @ (Q.T @ J[:, index])
     return 1.96 / max(np.sqrt(alone @ alone), 1e-12)
-
-
-def _edge(fitter, best, index, step, most_step, most):
-    """The size where squares reach `most`, by steps that grow until they do, then by halves."""
-    z, inside, outside = fitter.vector(best.causes)[0], 0.0, None
-    for _ in range(EDGES):
-        step = step if abs(step) < abs(most_step) else most_step
-        moved = z.copy()
-        moved[index] += step
-        if fitter.refine(fitter.fit_of(fitter.split(best.causes, moved)), 3).cost > most:
-            outside = step
-        elif step == most_step:
-            return z[index] + most_step
-        else:
-            inside = step
-        step = 2 * step if outside is None else (inside + outside) / 2
-    return z[index] + (most_step if outside is None else outside)
 
 
 def _others(fitter, fit, index):
@@ -413,16 +383,16 @@ def _scores(X, left, rows):
     return np.array(scores), np.array(told)
 
 
-def limits(fitter, fit, i, k, at, interval):
-    """95 % interval of parameter k of cause i, number `at` of all, in its unit."""
-    effect = fitter.effects[fit.causes[i].name]
+def limits(fitter, fit, i, k, at, interval, profiled=None):
+    """95 % interval of parameter k of cause i, number `at` of all, in its unit; profiled: gives the Profile of the fit."""
+    effect, profiled = fitter.effects[fit.causes[i].name], profiled or (lambda: Profile(fitter, fit))
     if not np.isfinite(interval).all() or (effect.threshold and not fitter.smooth):
         interval = threshold_interval(fitter, fit, at)
     half = float(interval[1] - interval[0]) / 2
     if half < np.inf and effect.threshold and len(effect.parameters) > 1 and not fitter.smooth:
-        interval = profile(fitter, fit, at, half)
+        interval = profile(profiled(), fit, at, begin=half)
     elif half < np.inf and effect.curve:
-        interval = profile(fitter, fit, at, half, half / _half_by_noise(fitter, fit, at))
+        interval = profile(profiled(), fit, at, half / _half_by_noise(fitter, fit, at))
     return [float(v) for v in np.clip(interval, effect.bounds[0][k], effect.bounds[1][k]) * effect.scale[k]]
 
 

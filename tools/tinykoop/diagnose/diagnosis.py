@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from . import cautions, elsewhere
-from .prediction_errors import ahead, judge, openset
+from .prediction_errors import ahead, judge, openset, spans
 from .prediction_errors.answer import Answer
 from .prediction_errors.profiles import Profile
 from .prediction_errors.search import Search
@@ -64,7 +64,7 @@ def limits(fitter, fit, profiled=None):
 
 def effects(found):
     """The `effects` of the report."""
-    fitter, out = found.sizes, []
+    out, fitter = [], spans.freed(found.sizes, found.sizes.fit_of(found.fit.causes))
     for cause, proof, interval in zip(found.fit.causes, found.proofs, limits(fitter, fitter.fit_of(found.fit.causes))):
         proved = {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": interval, "at_bound": fitter.held(cause)}
         out.append(told(found.path, cause) | proved)

@@ -1,16 +1,19 @@
 """When causes act: stretches of time, told by how much each part of the log gains."""
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
-from .fit import ALWAYS
+from .fit import ALWAYS, SLOPE
 
 BLOCKS, FEWEST = 30, 15  # parts of a log; rows of one, at least
 REACH, STRIDE, NEAR = 120, 12, 14  # rows by which an edge is moved, in strides; then row by row
 TURNS = 3  # of edges and sizes
 NUDGES = 6  # of an edge, of a row or two each
 JUMP, JUMPS = 6.0, 6  # standard deviations of an innovation that may be an edge; so many of these
+OFF = 1, 2, 4, 8  # rows that an edge may be off
+OPEN, SURE = 1.0, 8.0  # squares, by which a move of an edge shows; by which an edge is sure, if a row costs as much
 SHORT = 8  # rows at the ends of a log, where nothing comes or goes
 LEAST = 0.05  # of a log, that anything comes or goes for
 
@@ -196,3 +199,48 @@ def edges_settled(fitter, fit):
             return min(better, fit, key=lambda f: f.cost)
         fit = better
     return fit
+
+
+def freed(fitter, fit):
+    """The fitter for intervals of a fit: what edges do that are rows off as chance has it is no part of its residuals.
+
+    Sizes are less certain for it, as they are for other sizes. An edge that would cost much a row off is certain.
+    """
+    columns = _unsure(fitter, fit)
+    if not columns.shape[1]:
+        return fitter
+    free = copy(fitter)
+
+    def lefts(trials):
+        found = fitter.lefts(trials)
+        return found - columns @ (columns.T @ found)
+
+    free.lefts = lefts
+    return free
+
+
+def _unsure(fitter, fit):
+    """Orthonormal columns (n, q): what edges do that are not certain, by as many rows as show."""
+    columns, rows = np.zeros((len(fit.left), 0)), _rows(fit, fitter.path)
+    J = fitter.jacobian(fit) if rows else columns
+    others = np.linalg.qr(J[:, (J**2).sum(0) > SLOPE])[0]
+    for i, row in rows:
+        moves = [_either_way(fitter, fit, i, row, by) for by in OFF]
+        shown = [0.0 if move is None else ((move - others @ (others.T @ move)) ** 2).sum() for move in moves]
+        if 0 < shown[0] < SURE:
+            columns = np.column_stack([columns, next((m for m, s in zip(moves, shown) if s > OPEN), moves[0])])
+    return np.linalg.qr(columns)[0]
+
+
+def _either_way(fitter, fit, i, row, by):
+    """Half of what differs (n,) between an edge so many rows later and earlier; None where there is no room."""
+    acts = _acts(fit.causes[i], fitter.path)
+    if not by < row < len(acts) - by:
+        return None
+    later, earlier = acts.copy(), acts.copy()
+    later[row : row + by], earlier[row - by : row] = acts[row - 1], acts[row]
+    trials = [_with(fit, i, rows, fitter.path) for rows in (later, earlier)]
+    if None in trials:
+        return None
+    lefts = fitter.lefts(trials)
+    return (lefts[:, 0] - lefts[:, 1]) / 2

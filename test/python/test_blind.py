@@ -268,6 +268,20 @@ def test_intervals_of_curves_are_counted_apart():
     assert marks(rest, report("yaw_bias"))["covered_curves"] == {}
 
 
+def test_bands_of_curves_are_counted_by_the_share_of_commands():
+    """A band that holds the true friction at two commands of four; one of another form is not looked at."""
+    there, u = label(truth=("stribeck_friction",)), np.array([[0.5, 0.2], [1.0, 0.0], [1.5, 0.3], [2.0, -0.4]])
+    there["causes"][0]["parameters"] = usual("stribeck_friction")
+    taken = score.curve("stribeck_friction", usual("stribeck_friction"), u)
+    band = np.stack([taken - 0.01, taken + 0.01], -1)
+    band[:2] += 1.0
+    said = report("stribeck_friction")
+    said["effects"][0] |= {"params": usual("stribeck_friction"), "curve": {"commands": u.tolist(), "takes_ci95": band.tolist()}}
+    assert score.judge(there, {"report": said, "error": None, "seconds": 1.0}, u)["covered_bands"] == {"stribeck_friction": 0.5}
+    said["effects"][0]["form"] = "friction_general"
+    assert score.judge(there, {"report": said, "error": None, "seconds": 1.0}, u)["covered_bands"] == {}
+
+
 def test_link_counts_where_a_report_has_one():
     there = label("odometry")
     there["causes"][0]["link"] = "command-wheel"

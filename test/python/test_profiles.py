@@ -1,4 +1,4 @@
-"""Intervals of the diagnoser that slopes alone do not give: sizes that make up for one another, edges that are not certain."""
+"""Intervals of the diagnoser that slopes alone do not give: sizes that make up for one another, edges that are not certain, bands of curves."""
 
 from types import SimpleNamespace
 
@@ -100,3 +100,41 @@ def test_sizes_with_an_edge_that_was_found_hold_the_truth():
         ((low, high),) = judge.intervals(free, free.fit_of(fit.causes)) * fitter.effects["speed_gain"].scale
         held.append(low <= 0.03 <= high)
     assert sum(held) >= 21, held
+
+
+def _bands(name, seeds, seed=0):
+    for k in range(seeds):
+        (true,) = usual(name)
+        fitter = fitter_of(log_of(drive(LONG, seed + k), [true], "white", seed + k))
+        fit = fitter.refine(fitter.fit_of([Cause(true.name, true.parameters)]))
+        commands, takes = fitter.path.curve(fit.causes[0])
+        yield takes(true.parameters), judge.band(Profile(fitter, fit), fit, 0)
+
+
+@pytest.mark.parametrize("name", ["pacejka_slip", "stribeck_friction"])
+def test_bands_hold_what_a_curve_takes(name):
+    """Pointwise, over the speeds driven; points of one log hang together, so the share over eight logs is held only roughly."""
+    shares = []
+    for true, (_, told, band) in _bands(name, 8):
+        taken = np.abs(true).max(0) > 1e-9
+        low, high = band[:, taken, 0], band[:, taken, 1]
+        shares.append(((low <= true[:, taken]) & (true[:, taken] <= high)).mean())
+        assert ((low <= told[:, taken]) & (told[:, taken] <= high)).all()
+        assert np.median(high - low) < 0.2 * np.abs(true).max()
+    assert np.mean(shares) > 0.8, shares
+
+
+def test_a_curve_takes_what_its_formula_says():
+    path = fitter_of(log_of(drive(LONG))).path
+    commands, takes = path.curve(Cause("stribeck_friction", ()))
+    mu = lambda v: 0.1 + 0.3 * np.exp(-((v / 0.5) ** 2)) + 0.05 * np.abs(v)  # noqa: E731
+    v, omega = commands.T
+    turn = -np.sign(omega) * np.minimum(0.1 * mu(omega), np.abs(omega))
+    np.testing.assert_allclose(takes((0.4, 0.1, 0.05, 0.5)), np.stack([-v * mu(v), 0 * v, turn], 1), atol=1e-12)
+    assert (np.diff(np.abs(v)) >= 0).all() and np.abs(v).max() == pytest.approx(np.abs(path.u[:, 0]).max())
+
+
+def test_only_curves_have_a_band():
+    fitter = fitter_of(log_of(drive(LONG), usual("speed_gain")))
+    fit = fitter.refine(fitter.fit_of([Cause("speed_gain", (0.1,))]))
+    assert judge.band(Profile(fitter, fit), fit, 0) is None

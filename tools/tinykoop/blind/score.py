@@ -9,7 +9,8 @@
   direction; `strict` figures do without ambiguity sets.
 - Parameter errors are relative to the true value. Of pacejka_slip and stribeck_friction, whose parameters a log does
   not pin down one by one, the error is that of the body velocities they take away over the log's commands: RMS of the
-  difference over the RMS of what the true one takes. Plain shapes only, effects named exactly.
+  difference over the RMS of what the true one takes. Plain shapes only, effects named exactly. Of these two a report has a
+  95 % band of what the curve takes: the share of its commands counts at which the band holds what the true curve takes.
 - Realised is (before - after) / (before - floor) of the report's fresh gap, with the true floor, which is known from
   the noise that was added; only where the noise-free gap of the fresh log is at least the floor. `own floor` is the
   same with the report's floor; `recomputed` takes before and after from the simulator under the effects reported.
@@ -42,6 +43,7 @@ OPEN = ("left_out", "never")
 CLOSED = tuple(tier for tier in tiers.TIERS if tier not in OPEN)
 HEALTHY = tuple(tier for tier in tiers.TIERS if tier.startswith("none"))
 CURVES = ("pacejka_slip", "stribeck_friction")
+TAKEN = 1e-9  # m/s, rad/s: an axis of which a curve takes less is none of its own
 
 
 # ---- seal and storage --------------------------------------------------------------------------
@@ -102,6 +104,16 @@ def parameter_errors(effect, cause, u):
     else:
         errors = {key: abs(found[key] - value) / abs(value) for key, value in true.items()}
     return {key: float(value) for key, value in errors.items()}, covered
+
+
+def band_held(effect, cause):
+    """Share of the commands of a report's band of a curve at which the band holds what the true curve takes; None without a band."""
+    band = effect.get("curve")
+    if not band or effect.get("form"):
+        return None
+    taken, limits = curve(cause["name"], cause["parameters"], band["commands"]), np.array(band["takes_ci95"])
+    acts = np.abs(taken).max(0) > TAKEN
+    return float(np.mean(((limits[..., 0] <= taken) & (taken <= limits[..., 1]))[:, acts])) if acts.any() else None
 
 
 def _share(before, after, least):
@@ -196,7 +208,7 @@ def _which_family(answer, true):
 
 def _values(label, answer, u, duration):
     """Marks on parameters and segments of the effects that were found."""
-    marks = {"parameter_errors": {}, "covered_curves": {}, "covered_rest": {}}
+    marks = {"parameter_errors": {}, "covered_curves": {}, "covered_rest": {}, "covered_bands": {}}
     if not label["truth"] or label["tier"] in OPEN:
         return marks
     causes = {cause["name"]: cause for cause in label["causes"]}
@@ -207,6 +219,8 @@ def _values(label, answer, u, duration):
             marks["parameter_errors"] |= {f"{cause['name']}.{key}": value for key, value in errors.items()}
             kind = "covered_curves" if cause["name"] in CURVES else "covered_rest"
             marks[kind] |= {f"{cause['name']}.{key}": value for key, value in covered.items()}
+            held = band_held(effect, cause) if cause["name"] in CURVES else None
+            marks["covered_bands"] |= {} if held is None else {cause["name"]: held}
     marks["link"] = {e["name"]: e["link"] == causes[e["name"]].get("link") for e in answer.effects if "link" in e and e["name"] in causes}
     if label["tier"] in ("switch", "five_phase"):
         matched, scores = answer.matches(label["truth"]), []
@@ -243,7 +257,7 @@ def _how_much(label, answer, fresh):
 
 SHARES = ("family1", "family_set", "top1", "strict1", "top3", "found", "false_alarm", "unknown", "partly", "false_unknown",
           "confident_wrong", "link", "covered_curves", "covered_rest", "overclaims_50")  # fmt: skip
-MEANS = ("f1", "family_f1")
+MEANS = ("f1", "family_f1", "covered_bands")
 MEDIANS = ("parameter_errors", "iou", "onset", "claimed_10", "realised_10", "claim_error_10", "claimed_50", "realised_50",
            "own_floor_50", "recomputed_50", "claim_error_50", "claim_excess_50", "set_size", "seconds")  # fmt: skip
 
@@ -348,6 +362,7 @@ def must_hold(by):
         ("other forms: overclaims at 50 steps", of(rows, "single_other"), "overclaims_50", "<=", 0.2),
         ("all logs with an effect: overclaims at 50 steps", rows, "overclaims_50", "<=", 0.2),
         ("95 % intervals of curves hold the true value", rows, "covered_curves", ">=", 0.9),
+        ("95 % bands of curves hold the true curve, mean share of commands", rows, "covered_bands", ">=", 0.92),
         ("95 % intervals of other parameters hold the true value", rows, "covered_rest", ">=", 0.9),
         ("five phases: both effects found", of(rows, "five_phase"), "found", ">=", 1.0),
         ("five phases: IoU, median", of(rows, "five_phase"), "iou", ">=", 0.9),

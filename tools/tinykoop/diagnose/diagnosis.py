@@ -62,12 +62,23 @@ def limits(fitter, fit, profiled=None):
     return out
 
 
+def bands(fit, path, profiled):
+    """[{"curve": what the report has of a curve}] of the causes of a fit, of other causes {}: commands, what it takes there, its band."""
+    out = []
+    for i, cause in enumerate(fit.causes):
+        band = judge.band(profiled(), fit, i) if path.effects[cause.name].curve else None
+        out.append({"curve": dict(zip(("commands", "takes", "takes_ci95"), (values.tolist() for values in band)))} if band else {})
+    return out
+
+
 def effects(found):
     """The `effects` of the report."""
     out, fitter = [], spans.freed(found.sizes, found.sizes.fit_of(found.fit.causes))
-    for cause, proof, interval in zip(found.fit.causes, found.proofs, limits(fitter, fitter.fit_of(found.fit.causes))):
+    fit = fitter.fit_of(found.fit.causes)
+    profiled = cache(lambda: Profile(fitter, fit))
+    for cause, proof, interval, band in zip(fit.causes, found.proofs, limits(fitter, fit, profiled), bands(fit, found.path, profiled)):
         proved = {"evidence": proof.worth, "confidence": proof.confidence, "params_ci95": interval, "at_bound": fitter.held(cause)}
-        out.append(told(found.path, cause) | proved)
+        out.append(told(found.path, cause) | proved | band)
     return out
 
 

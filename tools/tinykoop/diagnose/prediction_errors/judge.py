@@ -8,7 +8,7 @@ from scipy import special
 from . import ahead
 from .candidates import first_forms
 from .fit import SLOPE, Cause, Fit
-from .profiles import Profile
+from .profiles import SLOPES_BY, Profile
 
 PAYS, ENOUGH = 0.1, 0.1  # of the gap above the floor, that a cause must close at one of the horizons; of the smallest that matters
 UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explanation
@@ -297,6 +297,30 @@ def profile(profiled, fit, index, spread=1.0, begin=0.0):
     return [min(low, told), max(high, told)]
 
 
+def band(profiled, fit, i):
+    """(commands (M, n), what curve i takes from each velocity there (M, c), its 95 % band (M, c, 2)), pointwise; None if it is no curve.
+
+    Sizes of a curve make up for one another, so what they do is known far better than each of them, and is nearly linear.
+    """
+    fitter, best, curve = profiled.fitter, profiled.best, profiled.fitter.path.curve(fit.causes[i])
+    if curve is None:
+        return None
+    commands, takes = curve
+    told, centre = (takes(causes[i].params) for causes in (fit.causes, best.fit.causes))
+    slopes = [takes(fitter.split(fit.causes, best.sizes + by)[i].params) - centre for by in _inwards(profiled)]
+    size = np.sqrt((best.J**2).sum(0))
+    shown = size**2 > SHOWN
+    G = (np.reshape(slopes, (len(slopes), -1)) / _inwards(profiled).sum(1)[:, None] / np.maximum(size, SHOWN)[:, None])[shown].T
+    half = _halves(best.J[:, shown] / size[shown], best.fit.left, fitter.block, G).reshape(centre.shape)
+    half *= np.hypot(1, fitter.path.doubt(fit.causes))
+    return commands, told, np.stack([np.minimum(centre - half, told), np.maximum(centre + half, told)], -1)
+
+
+def _inwards(profiled):
+    """Small moves (p, p) of each size, away from a bound."""
+    return np.diag(np.where(profiled.best.sizes + SLOPES_BY <= profiled.high, SLOPES_BY, -SLOPES_BY))
+
+
 def _half_by_noise(fitter, fit, index):
     J = fitter.jacobian(fit)
     Q = _others(fitter, fit, index)
@@ -356,18 +380,21 @@ def intervals(fitter, fit):
     return z[:, None] + np.hypot(1, fitter.path.doubt(fit.causes)) * half[:, None] * np.array([-1, 1])
 
 
-def _halves(J, left, rows):
-    """Half widths (p,) for slopes of length 1. What no row tells is left open: a pseudoinverse would call it certain.
+def _halves(J, left, rows, of=None):
+    """Half widths (m,) of sums `of` (m, p) of sizes, or of each size, for slopes of length 1. What no row tells is left open.
+
+    A pseudoinverse would call it certain.
 
     Blocks are few and pull the fit towards themselves. Their scores are freed of that, and Student's t has one degree of freedom
     less than blocks that tell of a size (Bell and McCaffrey, "Bias reduction in standard errors for linear regression with
     multi-stage samples", Survey Methodology 28, 2002; here blocks are counted by what they tell).
     """
     values, vectors = np.linalg.eigh(J.T @ J)
-    R = vectors / np.sqrt(np.maximum(values, UNTOLD))  # of the whole covariance R R'
-    scores, told = _scores(J @ R, left, rows)
+    whiten = vectors / np.sqrt(np.maximum(values, UNTOLD))
+    scores, told = _scores(J @ whiten, left, rows)
+    R = whiten if of is None else of @ whiten  # of the whole covariance R R'
     told = np.einsum("pi,bij,pj->bp", R, told, R)
-    count = told.sum(0) ** 2 / (told**2).sum(0)
+    count = told.sum(0) ** 2 / np.maximum((told**2).sum(0), 1e-300)
     student = np.where(count > FEWEST, special.stdtrit(np.maximum(count - 1, 1), 0.975), 0.0)
     return np.maximum(1.96 * np.sqrt((R**2).sum(1)), student * np.sqrt(((R @ scores.T) ** 2).sum(1)))
 

@@ -98,6 +98,13 @@ class Path:
         """By how much sizes of causes are off beside what noise makes them, of that: by nothing."""
         return 0.0
 
+    def curve(self, cause):
+        """(commands (M, n) that were given while a cause acts, its parameters -> what it takes from velocities there (M, c)), of a curve.
+
+        None of other causes.
+        """
+        return None
+
     @staticmethod
     def preference(name):
         """Rank of one of the names that an effect may have: none is preferred."""

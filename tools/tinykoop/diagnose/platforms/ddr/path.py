@@ -33,6 +33,7 @@ HALF_TRACK = 0.3  # m, usual half distance of the wheels, whose speeds random sl
 SLIPS_FOR, SLIPS_AT_REST = 0.5, 0.1  # s, over which speeds are smoothed, since wheels follow their commands late; share of the usual speed
 STEADY = 0.02  # share that commands of one kind vary by
 STARTS = 400  # of predictions
+CURVE = 25  # commands at which a band of a curve is given, evenly spread over the rows by speed
 SETTLE = 50  # rows at the beginning: how actuators stood before it is not known
 FINEST = np.array([1e-6, 1e-6, 1e-6])
 KEPT = 3.2e7  # bytes of steps that are not worked out again
@@ -181,6 +182,20 @@ class Path(path.Path):
     def seen_from(self, starts, ends, deviations):
         """In the axes of the pose in which a prediction starts."""
         return (self._to_axes[starts] @ (self._to_axes[ends].swapaxes(1, 2) @ deviations[..., None]))[..., 0]
+
+    def curve(self, cause):
+        if not self.effects[cause.name].curve:
+            return None
+        acts = np.any([(self.t >= a) & (self.t < b) for a, b in cause.segments], axis=0)
+        u = self.u[self.rows[acts]]
+        u = u[np.argsort(np.abs(u[:, 0]), kind="stable")[np.linspace(0, len(u) - 1, CURVE).astype(int)]]
+        return u, lambda params: self._taken(cause.name, params, u)
+
+    def _taken(self, name, params, u):
+        """What an effect takes from the velocities (M, 3) under commands u (M, 2): one Euler step of each shows the velocities."""
+        active = [bridge.Effect(name, tuple(params))]
+        ends = [bridge.simulate(one[None], self.dt, active=active)[1] for one in u]
+        return np.array(ends) / self.dt - u[:, :1] * (1, 0, 0) - u[:, 1:] * (0, 0, 1)
 
     def pass_over(self, good):
         """Takes as the path what was measured in the rows that are good (K,), and lines between them."""

@@ -60,7 +60,8 @@ class Functions:
 
         What does the same as a cause is not tried: that is the cause by another name.
         """
-        fitter, causes = self.search.at(self.state), self.state.fit.causes
+        self.search.at(self.state)
+        causes = self.state.fit.causes
         none, throughout = self.path.steps([()])[0], [(replace(c, segments=ALWAYS),) for c in causes]
         effect = self.white(self.path.steps(throughout)[0] - none)
         columns = self.white(self.pushes)

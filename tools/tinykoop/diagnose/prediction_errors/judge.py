@@ -154,7 +154,7 @@ def confidences(path, sure, left, behind, others, absorbed=0.0):
 
 
 def unmatched(fitter, fit, rests, box):
-    """Squares that the absence of each cause costs where the functions of a box, which add to the causes, may stand in its place.
+    """Squares that the absence of each cause costs where the functions of a box, which add to the causes, may do what it did.
 
     What a function does as well is no evidence of the one form that a cause has.
     """

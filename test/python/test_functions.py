@@ -1,0 +1,82 @@
+"""Plain functions of a drive: an unknown effect is described by them, and not taken for a known one."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from test_diagnose import DT, drive
+from tinykoop import bridge
+from tinykoop.blind import plant, tiers
+from tinykoop.diagnose.platforms import ddr
+from tinykoop.diagnose.platforms.ddr import features
+from tinykoop.diagnose.platforms.ddr.diagnosis import diagnose
+
+SEED = 4711
+SIZES = {
+    "camber": {"k": 0.05},
+    "turn_asymmetry": {"e": 0.15},
+    "heading_scale": {"e": 0.06},
+    "wheel_eccentricity": {"size": 0.15, "radius": 0.3, "phase": 1.0},
+    "payload_swing": {"share": 0.3, "frequency": 0.8, "damping": 0.08},
+    "caster_kick": {"kick": 0.3, "tau": 0.6},
+}
+SAID = {
+    "camber": "v^2", "turn_asymmetry": "|omega|", "heading_scale": "angle turned through", "wheel_eccentricity": "angle of a wheel",
+    "payload_swing": "swings", "caster_kick": "reversals of v",
+}  # fmt: skip
+
+
+def log_of(cause, rows=1500, sp=0.004, st=0.004, seed=SEED):
+    """A log of the independent plant with one cause, or none."""
+    random = np.random.default_rng(seed)
+    u = drive(rows, seed)
+    acting = [plant.Cause(cause, SIZES[cause], "never")] if cause else []
+    x = plant.drive(u[:-1], DT, acting, (0.0, 0.0, 0.0), random).poses
+    x = x + random.normal(size=x.shape) * (sp, sp, st)
+    return bridge.Log(np.arange(len(x)) * DT, x, u, np.ones(len(x) - 1, bool), DT)
+
+
+@pytest.mark.parametrize("cause", SIZES)
+def test_effect_in_no_library_is_unknown_and_described(cause):
+    report = diagnose(log_of(cause)).report
+    assert report["verdict"] == "unknown" and not report["effects"]
+    assert any(SAID[cause] in part["on"] for part in report["unexplained"]["depends_on"])
+
+
+def test_radius_of_a_wheel_that_is_not_round_is_told():
+    depends = diagnose(log_of("wheel_eccentricity")).report["unexplained"]["depends_on"]
+    radius = next(float(part["on"].split()[5]) for part in depends if part["on"].startswith("angle of a wheel"))
+    assert radius == pytest.approx(SIZES["wheel_eccentricity"]["radius"], abs=0.02)
+
+
+def test_swing_is_that_of_a_damped_pendulum():
+    dt, frequency, c = 0.01, 0.7, np.zeros(400)
+    c[50:] = 1.0  # one jump, at 0.5 s
+    swing, _ = features._swing(c, frequency, dt).T
+    omega, zeta = 2 * np.pi * frequency, features.DAMPING
+    t = np.arange(350) * dt
+    exact = solve_ivp(lambda _, z: [z[1], -2 * zeta * omega * z[1] - omega**2 * z[0]], (0, t[-1]), [0.0, 1.0], t_eval=t, rtol=1e-9).y[0]
+    np.testing.assert_allclose(swing[50:] / (omega * np.sqrt(1 - zeta**2)), exact, atol=1e-6)
+
+
+def test_functions_are_the_same_whatever_rows_are_looked_at():
+    """What a robot remembers is that of the whole log, not of the rows that are looked at."""
+    log = log_of("", rows=600)
+    rows, left = np.arange(300, 600), np.zeros((600, 3))
+    whole, part = (features.functions(log.u, some, log.x[some], DT, left[some]) for some in (np.arange(600), rows))
+    for name in (name for name in whole if name.startswith(("swings", "reversals", "use of"))):
+        np.testing.assert_array_equal(whole[name][0][rows], part[name][0])
+
+
+@pytest.mark.parametrize("name", ["speed_gain", "heading_bias", "speed_lag", "dead_band"])
+def test_known_effects_are_worth_more_than_functions(name):
+    random = np.random.default_rng(SEED)
+    u = drive(1500, SEED)
+    sizes = tiers.known(random, name, u)
+    x = plant.drive(u[:-1], DT, [plant.Cause(name, sizes)], (0.0, 0.0, 0.0), random).poses + random.normal(size=(1500, 3)) * 0.004
+    found = diagnose(bridge.Log(np.arange(1500) * DT, x, u, np.ones(1499, bool), DT)).found
+    assert found.verdict == "known" and found.box.rival() > found.search.price and not found.box.shows
+
+
+def test_healthy_robot_needs_no_function():
+    found = diagnose(log_of("")).found
+    assert found.verdict == "none" and not found.box.beside.chosen and isinstance(found.path, ddr.Path)

@@ -37,26 +37,28 @@ void ddr_unsense(const ddr *robot, size_t k, double *pose) {
 	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
 }
 
-static tk_signal next_signal(ddr *robot, const double *u) {
-	tk_signal signal = signal_at(robot, robot->k++);
-	for (size_t i = 0; i < 2; i++) { signal.command[i] = u[i]; }
-	effects_apply(&robot->effects, TK_ACTUATOR, &signal);
-	signal.body[0] = signal.command[0];
-	signal.body[2] = signal.command[1];
-	effects_apply(&robot->effects, TK_PLANT, &signal);
-	return signal;
+static void next_signal(ddr *robot, const effect_chain *effects, const double *u, tk_signal *signal) {
+	*signal = signal_at(robot, robot->k++);
+	for (size_t i = 0; i < 2; i++) { signal->command[i] = u[i]; }
+	effects_apply(effects, TK_ACTUATOR, signal);
+	signal->body[0] = signal->command[0];
+	signal->body[2] = signal->command[1];
+	effects_apply(effects, TK_PLANT, signal);
 }
 
 ddr_motion ddr_next(ddr *robot, const double *u) {
-	const tk_signal signal = next_signal(robot, u);
-	static const double ahead[] = {[TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
+	tk_signal signal;
+	next_signal(robot, &robot->effects, u, &signal);
+	static const double share[] = {[TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
+	const double half = 0.5 * signal.body[2] * signal.dt, ahead = share[robot->integrator] * half;
+	const double c = ahead == 0 ? 1 : cos(ahead), s = ahead == 0 ? 0 : sin(ahead);
 	/* an arc's chord lies half the turn ahead, and is shorter than the arc */
-	const double half = 0.5 * signal.body[2] * signal.dt;
-	const double chord = robot->integrator == TK_ARC && half != 0 ? sin(half) / half : 1;
+	const double chord = robot->integrator == TK_ARC && half != 0 ? s / half : 1;
 	return (ddr_motion){
 	    .dt = signal.dt,
 	    .way = {signal.body[0] * chord, signal.body[1] * chord},
-	    .ahead = ahead[robot->integrator] * half,
+	    .ahead = ahead,
+	    .facing = {c, s},
 	    .turn = signal.body[2],
 	    .drift = {signal.drift[0], signal.drift[1]},
 	};
@@ -67,11 +69,14 @@ void ddr_skip(ddr *robot, size_t steps) {
 }
 
 void ddr_roll(ddr *robot, size_t steps, const double *u) {
-	if (!robot->effects.remembers) {
+	effect_chain remembering = robot->effects;
+	remembering.count = remembering.remembers; /* what comes after these changes nothing that lasts */
+	if (!remembering.count) {
 		ddr_skip(robot, steps);
 		return;
 	}
-	for (size_t k = 0; k < steps; k++) { next_signal(robot, u + 2 * k); }
+	tk_signal unused;
+	for (size_t k = 0; k < steps; k++) { next_signal(robot, &remembering, u + 2 * k, &unused); }
 }
 
 void ddr_move(const ddr_motion *m, double *pose) {

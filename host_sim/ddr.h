@@ -21,11 +21,12 @@ void ddr_step(ddr *robot, const double *u);
 /* What a step does to any pose: a straight way in the direction that lies `ahead`
  * of the heading at the beginning, and a turn. */
 typedef struct ddr_motion {
-	double dt;       /* s */
-	double way[2];   /* m/s, along and to the left of that direction */
-	double ahead;    /* rad */
-	double turn;     /* rad/s */
-	double drift[2]; /* m/s, in the world's axes */
+	double dt;        /* s */
+	double way[2];    /* m/s, along and to the left of that direction */
+	double ahead;     /* rad */
+	double facing[2]; /* cosine and sine of that */
+	double turn;      /* rad/s */
+	double drift[2];  /* m/s, in the world's axes */
 } ddr_motion;
 
 /* The motion of the next step under u (2); time and actuators go on, the robot's pose stays. */

@@ -86,7 +86,7 @@ static void collect(effect_chain *chain, const tk_effects *table, const tk_activ
 			const size_t size = memory_of(effect, &actives[i], chain->dt);
 			chain->runs[n++] = (struct running){effect, &actives[i], memory};
 			chain->senses |= effect->block == TK_SENSOR;
-			chain->remembers |= size > 0;
+			if (size > 0) { chain->remembers = n; }
 			memory += size;
 		}
 	}

@@ -62,8 +62,8 @@ typedef struct effect_chain {
 	double *memory;
 	size_t count;
 	double dt, end; /* s */
-	int senses;     /* whether any of them has a say in what is measured, */
-	int remembers;  /* or a state of its own */
+	int senses;       /* whether any of them has a say in what is measured */
+	size_t remembers; /* those up to the last one that has a state of its own */
 } effect_chain;
 
 /* The effects must outlive the chain; `end` (s): when the log is over. */
@@ -79,13 +79,13 @@ void effects_undo(const effect_chain *chain, int block, tk_signal *signal);
 
 void delay_commands(const double *parameters, double *memory, tk_signal *signal);
 size_t delay_history(const double *parameters, double dt);
-enum { LAG_MEMORY = 4 };
+enum { LAG_MEMORY = 8 };
 void lag_commands(const double *parameters, double *memory, tk_signal *signal);
 
 /* ---- What several forms share -------------------------------------------------- */
 
 /* One command behind a first-order lag of time constant tau; `memory` of AXIS_LAG_MEMORY. */
-enum { AXIS_LAG_MEMORY = 2 };
+enum { AXIS_LAG_MEMORY = 4 };
 void lag_command(double tau, double *memory, double dt, double *command);
 /* Beyond `dead` it loses `dead`, within it nothing is left. */
 double shrunk(double value, double dead);

@@ -33,7 +33,7 @@ static int check_rows_given(const tk_recording *log, size_t n_rows, const int64_
 
 /* Where a step ends beside the next row, in the world's axes and in heading, from the row's own pose. */
 static void moved(const ddr_motion *m, const double *x, const double *facing, double *end) {
-	const double c = m->ahead == 0 ? 1 : cos(m->ahead), s = m->ahead == 0 ? 0 : sin(m->ahead);
+	const double c = m->facing[0], s = m->facing[1];
 	const double along = m->way[0] * c - m->way[1] * s, across = m->way[0] * s + m->way[1] * c;
 	end[0] = (along * facing[0] - across * facing[1] + m->drift[0]) * m->dt - (x[3] - x[0]);
 	end[1] = (along * facing[1] + across * facing[0] + m->drift[1]) * m->dt - (x[4] - x[1]);

@@ -7,13 +7,17 @@
 
 #include "effects.h"
 
-enum { BEGUN, STATE };
+enum { BEGUN, STATE, STEPS, GONE }; /* steps per tau, and the share of the way gone in one of them */
 
 void lag_command(double tau, double *memory, double dt, double *command) {
 	if (!(tau > 0)) { return; }
-	const double steps = dt / tau, gone = -expm1(-steps); /* share of the way gone in a step */
+	const double steps = dt / tau;
+	if (memory[STEPS] != steps) { /* seldom: an exponential costs more than all else here */
+		memory[STEPS] = steps;
+		memory[GONE] = -expm1(-steps);
+	}
 	if (!memory[BEGUN]) { memory[STATE] = *command; }
-	const double behind = memory[STATE] - *command;
+	const double behind = memory[STATE] - *command, gone = memory[GONE];
 	*command += behind * gone / steps;
 	memory[STATE] -= behind * gone;
 	memory[BEGUN] = 1;

@@ -9,7 +9,7 @@
 
 #include "effects.h"
 
-enum { BEGUN, DEVIATION, RATE = DEVIATION + 2, LAST = RATE + 2, N_MEMORY = LAST + 2 }; /* of each command */
+enum { BEGUN, DEVIATION, RATE = DEVIATION + 2, LAST = RATE + 2, STEPS = LAST + 2, DECAY, N_MEMORY = DECAY + 2 };
 
 /* exp(A s) = c I + d (A + zeta I); the exponentials stay bounded for any step. */
 static void decay(double zeta, double s, double *c, double *d) {
@@ -25,10 +25,8 @@ static void decay(double zeta, double s, double *c, double *d) {
 	}
 }
 
-static void follow(double zeta, double s, double *deviation, double *rate, double *command) {
-	const double e = *deviation, r = *rate;
-	double c, d;
-	decay(zeta, s, &c, &d);
+static void follow(double zeta, double s, const double *decayed, double *deviation, double *rate, double *command) {
+	const double e = *deviation, r = *rate, c = decayed[0], d = decayed[1];
 	*deviation = c * e + d * (zeta * e + r);
 	*rate = c * r - d * (e + zeta * r);
 	*command += (r - *rate + 2 * zeta * (e - *deviation)) / s;
@@ -36,12 +34,17 @@ static void follow(double zeta, double s, double *deviation, double *rate, doubl
 
 static void apply(const double *p, double *memory, tk_signal *signal) {
 	if (!(p[0] > 0)) { return; }
-	double *last = memory + LAST; /* commands */
+	const double s = signal->dt / p[0];
+	double *last = memory + LAST, *decayed = memory + DECAY; /* commands; the same in every step of one length */
+	if (memory[STEPS] != s) {
+		memory[STEPS] = s;
+		decay(p[1], s, &decayed[0], &decayed[1]);
+	}
 	for (size_t i = 0; i < 2; i++) {
 		const double command = signal->command[i];
 		if (memory[BEGUN]) { memory[DEVIATION + i] += last[i] - command; }
 		last[i] = command;
-		follow(p[1], signal->dt / p[0], &memory[DEVIATION + i], &memory[RATE + i], &signal->command[i]);
+		follow(p[1], s, decayed, &memory[DEVIATION + i], &memory[RATE + i], &signal->command[i]);
 	}
 	memory[BEGUN] = 1;
 }

@@ -9,7 +9,7 @@
 
 #include "effects.h"
 
-enum { BEGUN, DEVIATION, RATE = DEVIATION + 2, LAST = RATE + 2, STEPS = LAST + 2, DECAY, N_MEMORY = DECAY + 2 };
+enum { BEGUN, STEPS, DECAY, DEVIATION = DECAY + 2, RATE = DEVIATION + 2, LAST = RATE + 2, N_MEMORY = LAST + 2 };
 
 /* exp(A s) = c I + d (A + zeta I); the exponentials stay bounded for any step. */
 static void decay(double zeta, double s, double *c, double *d) {
@@ -25,7 +25,8 @@ static void decay(double zeta, double s, double *c, double *d) {
 	}
 }
 
-static void follow(double zeta, double s, const double *decayed, double *deviation, double *rate, double *command) {
+static void follow(double zeta, double s, const double *decayed, double *deviation, double *rate,
+                   double *command) {
 	const double e = *deviation, r = *rate, c = decayed[0], d = decayed[1];
 	*deviation = c * e + d * (zeta * e + r);
 	*rate = c * r - d * (e + zeta * r);

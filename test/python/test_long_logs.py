@@ -33,7 +33,7 @@ def test_windows_of_a_long_log_are_the_simulation_itself(order):
 
     What the slowest lag still remembers of the time before its warm-up is a jump of the command by 2 m/s, times exp(-10).
     """
-    log, steps = drive(3 * bridge.LONG, SLOWEST), [1, 10, 50]
+    log, steps = drive(60_000, SLOWEST), [1, 10, 50]
     starts = np.r_[0:2000:100, 2500:50000:2503, len(log.x) - 51]
     starts = np.random.default_rng(0).permutation(starts) if order == "mixed" else starts
     for usable in (None, log.usable):
@@ -45,14 +45,14 @@ def test_windows_of_a_long_log_are_the_simulation_itself(order):
 
 
 def test_steps_of_a_long_log_are_the_simulation_itself():
-    log = drive(3 * bridge.LONG, SLOWEST)
+    log = drive(60_000, SLOWEST)
     starts = np.r_[0:2000:100, 2500:50000:2503, len(log.x) - 2]
     beside = bridge.Steps(log.x, log.u, DT, starts, bridge.ARC).beside(SLOWEST)
     assert np.abs(beside).max() < 2 * np.exp(-10) * DT and np.abs(beside[:20]).max() < 1e-9
 
 
 def test_what_lies_between_windows_of_a_long_log_is_not_looked_at():
-    log = drive(2 * bridge.LONG)
+    log = drive(40_000)
     log.x[20000], log.u[20000] = np.nan, np.nan
     assert np.isfinite(bridge.windows(log.x, log.u, DT, [100, 30000], [50])[1]).all()
     for start in (19980, 20010):  # it lies in the window, or before it
@@ -92,7 +92,7 @@ def test_starts_are_those_of_the_rows_counted_one_by_one():
 
 def test_diagnosis_of_a_long_log_says_what_was_searched():
     effects = [bridge.Effect("actuator_lag", (0.25,))]
-    result = diagnose(drive(2 * bridge.LONG, effects, noise=0.005))
+    result = diagnose(drive(40_000, effects, noise=0.005))
     (found,) = result.report["effects"]
     assert found["name"] == "actuator_lag" and abs(found["params"]["tau"] - 0.25) < 0.01
     searched = result.report["log"]["searched_rows"]

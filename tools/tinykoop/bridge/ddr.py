@@ -38,7 +38,7 @@ def simulate(u, dt, x0=(0.0, 0.0, 0.0), active=(), integrator=EULER):
     return x
 
 
-LONG = 20_000  # rows, of a log that is rolled as a whole
+LONG = 6_000  # rows at most, of a log that is rolled as a whole: beyond, the rows that are looked at are the smaller part
 WARM_UP = 30.0  # s: ten time constants of the slowest lag that can be
 
 

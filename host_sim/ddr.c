@@ -104,6 +104,11 @@ void ddr_free(ddr *robot) {
 	free(robot);
 }
 
+void ddr_restart(ddr *robot) {
+	effects_restart(&robot->effects);
+	robot->k = 0;
+}
+
 ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double dt, double end,
               const double *x0) {
 	if (!(dt > 0 && isfinite(dt))) {

@@ -11,6 +11,8 @@ typedef struct ddr ddr;
 ddr *ddr_open(const tk_active *effects, size_t n_effects, int integrator, double dt, double end,
               const double *x0);
 void ddr_free(ddr *robot);
+/* Back to the begin of the drive, all but the pose. */
+void ddr_restart(ddr *robot);
 /* x (3): the pose as measured now */
 void ddr_measure(const ddr *robot, double *x);
 /* moves by dt under u (2) */

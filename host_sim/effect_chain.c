@@ -1,6 +1,7 @@
 /* The effects that act on one robot: checked, put in order, applied. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "effects.h"
 #include "message.h"
@@ -97,6 +98,10 @@ void effects_free(effect_chain *chain) {
 	free(chain->memory);
 }
 
+void effects_restart(effect_chain *chain) {
+	memset(chain->memory, 0, chain->memory_size * sizeof *chain->memory);
+}
+
 int effects_open(effect_chain *chain, const tk_effects *table, const tk_active *effects, size_t n_effects,
                  double dt, double end) {
 	size_t memory_size = 1;
@@ -108,6 +113,7 @@ int effects_open(effect_chain *chain, const tk_effects *table, const tk_active *
 	    .runs = calloc(n_effects + 1, sizeof *chain->runs),
 	    .memory = calloc(memory_size, sizeof *chain->memory),
 	    .count = n_effects,
+	    .memory_size = memory_size,
 	    .dt = dt,
 	    .end = end,
 	};

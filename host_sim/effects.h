@@ -60,7 +60,7 @@ const tk_effect *effect_by_name(const tk_effects *table, const char *name);
 typedef struct effect_chain {
 	struct running *runs;
 	double *memory;
-	size_t count;
+	size_t count, memory_size;
 	double dt, end; /* s */
 	int senses;       /* whether any of them has a say in what is measured */
 	size_t remembers; /* those up to the last one that has a state of its own */
@@ -70,6 +70,8 @@ typedef struct effect_chain {
 int effects_open(effect_chain *chain, const tk_effects *table, const tk_active *effects, size_t n_effects,
                  double dt, double end);
 void effects_free(effect_chain *chain);
+/* As they were when they were opened. */
+void effects_restart(effect_chain *chain);
 /* Lets every effect of `block` that acts at this time change the signal. */
 void effects_apply(const effect_chain *chain, int block, tk_signal *signal);
 /* Takes back what those of `block` did that can be undone, the last one first. */

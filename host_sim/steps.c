@@ -11,9 +11,6 @@
 #include "stretches.h"
 
 typedef struct request {
-	const tk_active *effects;
-	size_t n_effects;
-	int integrator;
 	const tk_recording *log;
 	const double *facing;
 	const int64_t *rows;
@@ -49,8 +46,8 @@ static void sensed(const ddr *robot, const ddr_motion *m, size_t k, const double
 	for (size_t i = 0; i < 3; i++) { end[i] = pose[i] - x[3 + i]; }
 }
 
-static int step_from(const request *q, const ddr *robot, const ddr_motion *m, size_t k, int senses,
-                     double *out) {
+static void step_from(const request *q, const ddr *robot, const ddr_motion *m, size_t k, int senses,
+                      double *out) {
 	const double *x = q->log->x + 3 * k, *facing = q->facing + 2 * k, *then = facing + 2;
 	double end[3];
 	if (senses) {
@@ -61,29 +58,24 @@ static int step_from(const request *q, const ddr *robot, const ddr_motion *m, si
 	out[0] = then[0] * end[0] + then[1] * end[1];
 	out[1] = then[0] * end[1] - then[1] * end[0];
 	out[2] = wrapped(end[2]);
-	return all_finite(out, 3);
 }
 
-static int run_stretch(const request *q, const stretch *s) {
-	const double nowhere[3] = {0, 0, 0};
+static int run_stretch(const request *q, ddr *robot, const stretch *s) {
 	const tk_recording *log = q->log;
-	ddr *robot = ddr_open(q->effects, q->n_effects, q->integrator, log->dt, (double)(log->rows - 1) * log->dt,
-	                      nowhere);
-	if (!robot) { return TK_ERROR; }
 	const int senses = ddr_senses(robot);
-	int finite = 1;
 	size_t row = s->from;
+	ddr_restart(robot);
 	ddr_skip(robot, row);
 	for (size_t i = s->begin; i < s->end; i++) {
 		const size_t k = (size_t)q->rows[i];
 		ddr_roll(robot, k - row, log->u + 2 * row);
 		const ddr_motion motion = ddr_next(robot, log->u + 2 * k);
-		finite &= step_from(q, robot, &motion, k, senses, q->beside + 3 * i);
+		step_from(q, robot, &motion, k, senses, q->beside + 3 * i);
 		row = k + 1;
 	}
-	ddr_free(robot);
-	return finite ? TK_OK
-	              : fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
+	return all_finite(q->beside + 3 * s->begin, 3 * (s->end - s->begin))
+	           ? TK_OK
+	           : fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
 }
 
 int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
@@ -94,14 +86,18 @@ int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const t
 	if (check_rows_given(log, n_rows, rows) != TK_OK || check_actives(effects, n_effects) != TK_OK) {
 		return TK_ERROR;
 	}
-	const request q = {effects, n_effects, integrator, log, facing, rows, beside};
+	const request q = {log, facing, rows, beside};
+	const double nowhere[3] = {0, 0, 0}, final = (double)(log->rows - 1) * log->dt;
+	ddr *robot = ddr_open(effects, n_effects, integrator, log->dt, final, nowhere);
+	if (!robot) { return TK_ERROR; }
 	int status = TK_OK;
 	for (size_t begin = 0; status == TK_OK && begin < n_rows;) {
 		stretch s = log->warm_up ? next_stretch(log, begin, n_rows, rows, 1)
 		                         : (stretch){.end = n_rows, .final = log->rows - 1};
 		status = check_rows(log, s.from, s.final);
-		if (status == TK_OK) { status = run_stretch(&q, &s); }
+		if (status == TK_OK) { status = run_stretch(&q, robot, &s); }
 		begin = s.end;
 	}
+	ddr_free(robot);
 	return status;
 }

@@ -6,8 +6,6 @@ likelihood (Varin, Reid and Firth, "An overview of composite likelihood methods"
 they predict rows better that they were not fitted on.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from . import ahead, forms, judge
@@ -65,19 +63,19 @@ def sized(search, state, starts):
     fitter = search.at(state)
     if not (state.causes and moves(search.path, state.noise, starts)):
         return fitter, state.fit
-    by_steps, by_ahead = (_squares(search.path, state, starts, how) for how in (False, True))
+    whole = Ahead(search.path, state.noise, starts)
+    by_steps, by_ahead = (_squares(whole, state.fit, how) for how in (False, True))
     if np.sqrt(by_ahead[:, -1].mean()) > (1 - BETTER) * np.sqrt(by_steps[:, -1].mean()):
         return fitter, state.fit
-    whole = Ahead(search.path, state.noise, starts)
     return whole, whole.refine(whole.fit_of(state.causes))
 
 
-def _squares(path, state, starts, weighed=True):
-    """Squared errors (S, H) of each prediction over those of a perfect model, with sizes from the other folds."""
-    whole, fold = Ahead(path, state.noise, starts), ahead.folds(path)[starts]
-    fit = whole.refine(whole.fit_of(state.causes)) if weighed else state.fit
-    fits = ahead.held_out(whole if weighed else Fitter(path, state.noise), fit)
-    lefts = whole.lefts(fits).reshape(len(starts), len(STEPS), -1, ahead.FOLDS)
+def _squares(whole, fit, weighed=True):
+    """Squared errors (S, H) of each prediction of an Ahead over those of a perfect model, with sizes from the other folds."""
+    fold = ahead.folds(whole.path)[whole.starts]
+    fit = whole.refine(whole.fit_of(fit.causes)) if weighed else fit
+    fits = ahead.held_out(whole if weighed else Fitter(whole.path, whole.noise), fit)
+    lefts = whole.lefts(fits).reshape(len(whole.starts), len(STEPS), -1, ahead.FOLDS)
     return (np.take_along_axis(lefts, fold[:, None, None, None], 3)[..., 0] ** 2).sum(2)
 
 
@@ -88,7 +86,8 @@ def chosen(search, state, starts):
     """
     for _ in range(TURNS if state.causes and moves(search.path, state.noise, starts) else 0):
         trials = [state.fit, *_others(search, state)]
-        squares = [_squares(search.path, replace(state, fit=fit), starts).mean(1) for fit in trials]
+        whole = Ahead(search.path, state.noise, starts)
+        squares = [_squares(whole, fit).mean(1) for fit in trials]
         best = squares[int(np.argmin([s.mean() for s in squares]))]
         fine = [i for i, s in enumerate(squares) if s.mean() - best.mean() <= ERRORS * _error(s - best, starts)]
         first = min(fine, key=lambda i: (_sizes(trials[i]), squares[i].mean()))

@@ -11,6 +11,7 @@ ALWAYS = ((-np.inf, np.inf),)
 STEP = 1e-3  # of a parameter's usual size, by which slopes are taken
 GUESS = 0.5  # the parameters of a curve are guessed at their usual values, give or take half
 GRIDS = tuple(np.delete(np.geomspace(1 / reach, reach, 7), 3) for reach in (2.0, 1.19, 1.04, 1.01))  # of what has no slope
+FINE, TELLS = 2, 1e-6  # of these, from which on the nearest two tell enough; squares, by which a size shows at all
 NEAR = 1  # of these, with which a size begins that was found before
 HELD = 1e-3  # of its usual size, to which a parameter counts as at its bound
 SPREAD = 50  # rows of a block that counts as one observation
@@ -203,8 +204,21 @@ class Fitter:
                 at = sum(len(c.params) for c in fit.causes[:i])
                 for grid in range(first[i], len(GRIDS)):
                     for k in set(range(len(cause.params))) - {held - at for held in self.held_at}:
-                        fit = self._best_of(fit, self._scaled(fit.causes, i, k, GRIDS[grid]))
+                        fit = self._along(fit, i, k, grid)
         return fit
+
+    def _along(self, fit, i, k, grid):
+        """The best of a grid for one size; of a fine one its two nearest alone, where both are worse: then it lies between these."""
+        tried = self._scaled(fit.causes, i, k, GRIDS[grid])
+        if grid < FINE:
+            return self._best_of(fit, tried)
+        near, far = tried[2:4], tried[:2] + tried[4:]
+        lefts, costs = self._costs(near)
+        if (costs > fit.cost + TELLS).all():
+            return fit
+        j = int(costs.argmin())
+        best = Fit(near[j], float(costs[j]), lefts[:, j]) if costs[j] < fit.cost - 1e-9 else fit
+        return self._best_of(best, far)
 
     def _begun(self, causes, i, k):
         """Causes with parameter k of cause i at each size that a scan begins with, if it is off."""
@@ -218,11 +232,15 @@ class Fitter:
         values = [float(np.clip(cause.params[k] * f, p.low, p.high)) for f in factors]
         return [(*causes[:i], replace(cause, params=(*cause.params[:k], v, *cause.params[k + 1 :])), *causes[i + 1 :]) for v in values]
 
+    def _costs(self, trials):
+        """(whitened residuals (n, trials), costs (trials,))."""
+        lefts = self.lefts(trials)
+        return lefts, (lefts**2).sum(0) + [self.guesses(t) for t in trials]
+
     def _best_of(self, fit, trials):
         trials = [t for t in trials if t != fit.causes]
         if not trials:
             return fit
-        lefts = self.lefts(trials)
-        costs = (lefts**2).sum(0) + [self.guesses(t) for t in trials]
+        lefts, costs = self._costs(trials)
         j = int(costs.argmin())
         return Fit(trials[j], float(costs[j]), lefts[:, j]) if costs[j] < fit.cost - 1e-9 else fit

@@ -201,10 +201,16 @@ def check_on_fresh(result, path):
 
 
 def _realised(report):
-    """What closes on the fresh log, of what closes on the log, at the longest horizon with a gap on both; 1 where there is none."""
+    """What closes on the fresh log, of what closes on the log, at the longest horizon with a gap on both; 1 where there is none.
+
+    Where the log has too small a gap for a share, it is what closes on the fresh log.
+    """
     log, fresh = (part["gap"]["closed_fraction"] for part in (report, report["fresh"]))
     seen = [h for h in log if np.isfinite(log[h]) and np.isfinite(fresh[h]) and log[h] > 0]
-    return fresh[seen[-1]] / log[seen[-1]] if seen else 1.0
+    if seen:
+        return fresh[seen[-1]] / log[seen[-1]]
+    alone = [fresh[h] for h in fresh if np.isfinite(fresh[h]) and not np.isfinite(log[h])]
+    return min(alone[-1], 1.0) if alone else 1.0
 
 
 def on_fresh(result, path):

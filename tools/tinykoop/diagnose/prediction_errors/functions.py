@@ -85,7 +85,7 @@ class Functions:
             weights = -np.linalg.lstsq(self.white(moves), fitter.whiten(D, self.E)[:, 0], rcond=None)[0]
             noise, deviance = noises.likeliest(self.path, out.noise, D + (moves @ weights)[..., None], self.E, ROUNDS)
             gained = worth - deviance - self.price * len(chosen)
-            if gained <= out.gained:
+            if not gained > out.gained:  # a likelihood that overflows is worth nothing
                 break
             out = Taken(chosen, gained, noise, weights[slopes.shape[-1] :])
         return out

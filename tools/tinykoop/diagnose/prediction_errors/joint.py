@@ -7,7 +7,6 @@ import numpy as np
 from . import ahead, judge, openset
 from .fit import ALWAYS
 from .pool import Pool
-from .search import MOST
 from .states import MARGIN, State, States
 
 
@@ -73,7 +72,7 @@ def _best(pool, state, alike):
     """(state, {effect: {rival: squares and price, by which it is worse}}); with a rival as the state, if that is worth more."""
     names = dict.fromkeys(c.name for c in state.causes if c.segments == ALWAYS)
     rivals = {name: _rivals(pool, state, name, alike) for name in names}
-    more = pool.promising(state, state.causes) if len(names) < MOST else ()
+    more = pool.promising(state, state.causes) if len(names) < pool.path.most_effects else ()
     wider = _fits(pool, state, state.causes, [(name,) for name in more])
     best = min((fit for some in (*rivals.values(), wider) for _, fit in some), key=pool.priced, default=state.fit)
     if pool.priced(best) < pool.priced(state.fit) - MARGIN:

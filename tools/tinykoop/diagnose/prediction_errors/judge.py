@@ -15,6 +15,7 @@ UNEXPLAINED = 0.1  # of the gap may be left and the effects still be its explana
 BELIEVED = 0.2  # confidence of the surest cause, below which nothing is known
 ESTABLISHED = 0.5  # confidence that a cause or what cannot be distinguished from it acts, from which on it is named
 SAME = 6.0  # squares, by which two explanations may differ and be one
+CANCELS = 0.5  # of the size of all effects, that others may have which do the same: large ones that cancel are one by another name
 RIVALS = 5  # that are fitted in full
 PLAIN = "plain functions"  # as a rival of causes
 USUAL, STANDS_OUT = 0.95, 1.3  # share of predictions that are not the worst; times the noise, that they may be off
@@ -104,17 +105,26 @@ def all_rivals(search, fit, rests):
 
 
 def preferred(search, state, fit, every):
-    """The fit with the preferred name of each cause, of those that do the same; every: all_rivals()."""
+    """The fit with the preferred name of each cause, of those that do the same, and with small effects instead of large ones that cancel.
+
+    every: all_rivals().
+    """
     prefer = search.path.preference
     for cause, rivals in zip(fit.causes, every):
-        close = [r for r in rivals if r.cost < fit.cost + search.price and prefer(r.causes[-1].name) < prefer(cause.name)]
-        for rival in sorted(close, key=lambda r: prefer(r.causes[-1].name)):
+        close = [r for r in rivals if r.cost < fit.cost + search.price]
+        close = [r for r in close if prefer(r.causes[-1].name) < prefer(cause.name) or _size(search, r) < CANCELS * _size(search, fit)]
+        for rival in sorted(close, key=lambda r: (prefer(r.causes[-1].name), _size(search, r))):
             search.at(state)
             exact = search.exact(rival)
             if exact.cost < fit.cost + SAME:
                 return exact
     search.at(state)
     return fit
+
+
+def _size(search, fit):
+    """Of all effects together, in usual sizes."""
+    return float(np.linalg.norm(search.fitter.vector(fit.causes)[0]))
 
 
 def steadiness(fit, rest):

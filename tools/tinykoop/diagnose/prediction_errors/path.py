@@ -43,6 +43,7 @@ class Path:
     steady = False  # whether one command was held throughout
     weighed = False  # whether sizes are fitted to predictions many steps ahead, where the robot moves at random
     spent = False  # whether the simulator was asked so much that no further cause is looked for
+    most_effects = 4  # of one explanation
     matters_ahead = True  # whether a cause must close a part of the gap of predictions
     stray = True  # whether rows that stand alone are outliers
     alike_rows = 1  # rows that tell about as much as one

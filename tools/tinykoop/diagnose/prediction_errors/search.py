@@ -6,7 +6,6 @@ from . import forms, simpler, spans
 from .candidates import candidates, first_forms
 from .states import MARGIN, States
 
-MOST = 4  # effects of one explanation
 LIKELY, HIDDEN = 4, 3  # candidates by the noise as it is, and by what the sensor alone makes
 TRIED, CLOSE = 2, 0.6  # of these, for which noise is estimated again; of the best one's gain, that the next must have
 TURNS = 3  # of more causes and simpler ones
@@ -28,7 +27,7 @@ class Search(States):
                 forms.reformed, simpler.begun_anew, simpler.swapped, simpler.opened, simpler.simplified, simpler.discretised,
             ):  # fmt: skip
                 state = simpler_(self, state)
-            if state is wide or len(state.causes) == MOST or self.path.spent:
+            if state is wide or len(state.causes) == self.path.most_effects or self.path.spent:
                 break
         return self.with_coloured_noise(self.robust(state))
 
@@ -46,7 +45,7 @@ class Search(States):
 
     def forward(self, state):
         """Causes taken in one by one."""
-        while len(state.causes) < MOST and not self.path.spent:
+        while len(state.causes) < self.path.most_effects and not self.path.spent:
             better = self.widened(state)
             if better is None or self.worth(better) > self.worth(state) - MARGIN:
                 break

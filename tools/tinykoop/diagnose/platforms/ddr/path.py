@@ -27,6 +27,7 @@ VARIANTS = (("exact arc", bridge.ARC), ("Euler steps", bridge.EULER), ("semi-imp
 LEAST = np.array([0.1, 0.1, 0.1])  # m/s, m/s, rad/s: the slowest usual motion
 MOST, STRETCH = 5000, 500  # rows of a long log that are looked at, in stretches
 FEW, COARSE = 3500, 2500  # of more than so many rows, some with which a search begins
+MOST_OF_LONG = 5  # effects that such a log can tell apart
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
 HALF_TRACK = 0.3  # m, usual half distance of the wheels, whose speeds random slip is in proportion to
@@ -86,6 +87,7 @@ class Path(path.Path):
         self.effects = {key: effect for key, effect in effects(self.u).items() if not {key, effect.reported_as} & set(without)}
         self.rows = _stretches(len(log.x), most or self.most)
         self.t = self.rows * log.dt
+        self.most_effects = MOST_OF_LONG if len(log.x) > FEW else path.Path.most_effects
         usable = np.append(log.usable, False)[self.rows]
         self.begins = np.concatenate([[True], (np.diff(self.rows) != 1) | ~usable[:-1]]).astype(np.int32)
         self.breaks = self.begins != 0

@@ -67,7 +67,7 @@ def test_functions_are_the_same_whatever_rows_are_looked_at():
         np.testing.assert_array_equal(whole[name][0][rows], part[name][0])
 
 
-@pytest.mark.parametrize("name", ["speed_gain", "heading_bias", "speed_lag", "dead_band"])
+@pytest.mark.parametrize("name", ["speed_gain", "heading_bias", "speed_lag", "yaw_lag", "dead_band"])
 def test_known_effects_are_worth_more_than_functions(name):
     random = np.random.default_rng(SEED)
     u = drive(1500, SEED)
@@ -80,3 +80,12 @@ def test_known_effects_are_worth_more_than_functions(name):
 def test_healthy_robot_needs_no_function():
     found = diagnose(log_of("")).found
     assert found.verdict == "none" and not found.box.beside.chosen and isinstance(found.path, ddr.Path)
+
+
+@pytest.mark.parametrize("tau", [0.3, 0.5, 0.6])
+def test_lag_of_one_axis_is_found_although_a_lag_of_both_promises_nothing(tau):
+    u = drive(1500, SEED)
+    x = plant.drive(u[:-1], DT, [plant.Cause("yaw_lag", {"tau": tau})], (0.0, 0.0, 0.0), np.random.default_rng(SEED)).poses
+    x = x + np.random.default_rng(SEED).normal(size=x.shape) * (0.004, 0.004, 0.006)
+    report = diagnose(bridge.Log(np.arange(1500) * DT, x, u, np.ones(1499, bool), DT)).report
+    assert [effect["name"] for effect in report["effects"]] == ["yaw_lag"]

@@ -12,7 +12,7 @@ TRIFLE = 0.02  # of it, that comes out in step with it: shaking and drift of a s
 MOST, BEYOND = 0.5, 5.0  # of the motion that comes out, and times its noise: so small an answer is one nevertheless, as of commands in mm/s
 CHANCE = 1e-3  # probability, from which on an answer is no chance
 CLEAR = 0.07  # of the motion that goes in, that noise may be
-FEWEST = 12  # windows
+FEWEST, USUAL = 12, 0.9  # windows; share of them that are not the worst
 
 
 def dead(axes):
@@ -26,7 +26,8 @@ def axis(into, out, noise):
     into (W, LAGS): of a window and of those before it; out (W,); noise: sd of the readings whose difference an `out` is.
     """
     rms = lambda values: float(np.sqrt(np.mean(values**2))) if len(values) else 0.0  # noqa: E731
-    given, seen = rms(into[:, 0]), np.sqrt(max(rms(out) ** 2 - 2 * noise**2, 0.0))
+    usual = np.abs(out) <= np.quantile(np.abs(out), USUAL) if len(out) else slice(0)  # a reading that is off is no answer
+    given, seen = rms(into[:, 0]), np.sqrt(max(rms(out[usual]) ** 2 - 2 * noise**2, 0.0))
     enough = len(out) >= FEWEST and given > 0
     clear = enough and np.sqrt(2) * noise < CLEAR * given
     chance, explained = _explained(into, out) if enough else (1.0, 0.0)

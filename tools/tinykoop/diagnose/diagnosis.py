@@ -195,9 +195,14 @@ def check_on_fresh(result, path):
     if report["verdict"] in ("known", "partly") and realised < AGREES:
         for effect in report["effects"]:
             effect["confidence"] *= max(realised, 0.0)
-        report["verdict"] = "partly" if realised >= HELPS else "unknown"
-    if report["verdict"] == "unknown":
+        report["verdict"] = "partly" if realised >= HELPS else "unknown" if _has_gap(report) else "none"
+    if report["verdict"] in ("unknown", "none"):
         report["best_fit"], report["effects"] = report["best_fit"] or report["effects"], []
+
+
+def _has_gap(report):
+    """Whether anything on the log itself, beside an effect that a fresh log does not confirm, stands out of the noise."""
+    return report["unexplained"]["matters"] or np.isfinite(list(report["gap"]["closed_fraction"].values())).any()
 
 
 def _realised(report):

@@ -11,7 +11,7 @@ SHOWS = 1.0  # norm of what a candidate does beside the others
 LIMIT = 0.3  # share of a range in which a linear effect begins
 ALONG = 0.5  # of what a candidate would gain at another size, that is promised
 MARK = 1.5  # s, of what shows when an effect sets in
-PROMISING = 0.05  # of what the best effect promises, from which on the others of a family are scanned, too
+PROMISING = 0.05  # of what the best effect promises, from which on the other forms of a family are scanned, too
 
 
 class _Beside:
@@ -72,15 +72,16 @@ def _whole(beside, effects, segments):
 
 
 def _families(beside, segments):
-    """[(gain, Cause)] of effects that are not in the fit: the first of each family, and the others where that promises something."""
-    effects, firsts = beside.fit.lacks(beside.fitter.effects), {}
-    for name, effect in effects.items():
-        firsts.setdefault(effect.kin, name)
-    found = _whole(beside, {name: effects[name] for name in firsts.values()}, segments)
+    """[(gain, Cause)] of effects that are not in the fit, and of their other forms where a family promises something.
+
+    An effect is no stand-in for another of its family: a lag of both axes promises nothing where one of them lags.
+    """
+    effects = beside.fit.lacks(beside.fitter.effects)
+    found = _whole(beside, {name: e for name, e in effects.items() if e.reported_as == name}, segments)
     most = max((gain for gain, _ in found), default=0.0)
     likely = {effects[cause.name].kin for gain, cause in found if gain >= PROMISING * most}
-    others = {name: e for name, e in effects.items() if e.kin in likely and name != firsts[e.kin]}
-    return found + _whole(beside, others, segments)
+    forms = {name: e for name, e in effects.items() if e.reported_as != name and e.kin in likely}
+    return found + _whole(beside, forms, segments)
 
 
 def _in_time(beside, gain, cause, margin):

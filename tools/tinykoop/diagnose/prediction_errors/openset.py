@@ -8,6 +8,7 @@ from .functions import Functions
 BLOCKS, STRIPES, MOST = 8, 24, 8  # folds; stripes of rows that they are made of; functions that are chosen
 SHOWS = 1e-9  # norm of a column that is not nothing
 CERTAIN = 25.0  # squares of rows that it was not fitted on, that it must take: of noise it takes none
+SURELY = 50.0  # the same of rows that they were chosen on: noise of another form than the one that is told takes some
 WORTH = 12.0  # squares, that a function must take: the best of some hundreds takes as much of white noise
 
 
@@ -63,7 +64,7 @@ class BlackBox:
         self.whole, self.pushes = max(float(left @ left), 1e-12), np.zeros(self._pushes.shape[:2])
         self._predict(columns[:, keep] / size[keep], left)
         if not self.predicts:
-            self.pushes = functions.pushes[..., self.beside.chosen] @ self.beside.weights
+            self.pushes = self.shows * functions.pushes[..., self.beside.chosen] @ self.beside.weights
 
     def _predict(self, columns, left):
         K = len(self.pushes)
@@ -94,7 +95,7 @@ class BlackBox:
     @property
     def shows(self):
         """Whether it predicts, or is worth more on all rows than noise lets it."""
-        return self.predicts or self.beside.gained > CERTAIN
+        return self.predicts or self.beside.gained > SURELY
 
     def depends(self):
         """[{on, channel, share of all squares}], largest share first."""

@@ -22,7 +22,7 @@ TABLES = (  # commands that write what they measured into the docs
 
 # What a shell says of a program that SIGPIPE ends, as `| head` ends those in C. Python ignores the signal: it would end
 # the process in the middle of a write, or where a worker's pipe is gone.
-CLOSED = 128 + signal.SIGPIPE
+CLOSED = 128 + getattr(signal, "SIGPIPE", 13)  # which Windows has not
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small here: threads cost more than they bring
 

@@ -1,12 +1,12 @@
 """Results on disk and on the terminal."""
 
-import fcntl
 import glob
 import json
 import math
 import os
 import re
-from contextlib import contextmanager
+import sys
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from rich import box
@@ -18,6 +18,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from .errors import UserError
+from .locks import locked
 
 MOST_KEYS = 3  # columns that are repeated where a table is too wide
 
@@ -64,6 +65,8 @@ def _refused(path, error):
 
 
 def _is_running(process):
+    if sys.platform == "win32":
+        return True  # signal 0 would interrupt it there
     try:
         os.kill(process, 0)
     except ProcessLookupError:
@@ -118,28 +121,23 @@ def replacing(path, rows):
     Until then there is no `path`, so that old figures never stand beside new plots. Another run into the folder waits.
     """
     path = Path(path)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        fcntl.flock(folder, fcntl.LOCK_EX)
+    with locked(path.parent):
         remove(path)
         yield
         write_json(path, rows)
-    finally:
-        os.close(folder)
 
 
 @contextmanager
 def alone(path):
     """Refuses a second run that would work on `path` at the same time."""
-    try:
-        lock = open(Path(path).with_name(f".{Path(path).name}.lock"), "w")
-    except OSError as error:
-        raise _refused(path, error)
-    with lock:
+    lock = Path(path).with_name(f".{Path(path).name}.lock")
+    with ExitStack() as held:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+            held.enter_context(locked(lock, wait=False))
+        except BlockingIOError:
             raise UserError(f"{path}: another run is at work on it; wait for that, or choose another folder with --out")
+        except OSError as error:
+            raise _refused(path, error)
         yield
 
 

@@ -7,7 +7,6 @@ unknown. For the gap closed the effect that it names is fitted by least squares 
 classifier that may not name an effect is one that was trained without it.
 """
 
-import fcntl
 import hashlib
 import json
 import pickle
@@ -20,6 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from ... import bridge
 from ...plumbing import results
+from ...plumbing.locks import locked
 from . import common, library
 
 _CACHE = Path(__file__).resolve().parents[4] / "build" / "peers"
@@ -194,8 +194,7 @@ def _kept(what, settings, without, make):
     key = json.dumps([asdict(settings), sorted(without), bridge.effects(), version("scikit-learn"), np.__version__, code])
     folder = results.output_folder(_CACHE)
     path = folder / f"boosting-{what}-{hashlib.sha256(key.encode()).hexdigest()[:16]}.pickle"
-    with open(path.with_suffix(".lock"), "w") as lock:  # one process trains, the others wait for it
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with locked(path.with_suffix(".lock")):  # one process trains, the others wait for it
         if not path.exists():
             results.write_bytes(path, pickle.dumps(make()))
         return pickle.loads(path.read_bytes())

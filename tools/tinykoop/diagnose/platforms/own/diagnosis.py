@@ -99,7 +99,7 @@ def _living(path, given, healthy):
     robot, log = given.robot, given.log
     check.refuse([*check.mistaken(robot, log), *check.along(path)], log, robot)
     linked = links.answered(path, given)
-    path.hints = links.causes(linked)
+    path.hints = links.causes(linked, path.most_effects)
     found = answer(path)
     report = {"platform": robot.name} | report_of(found, _where(found), judge.untestable(found.search, found.fit)) | {
         "healthy": {"logs": healthy, "effects": [{"name": c.name, "params": list(c.params)} for c in path.added]},

@@ -11,7 +11,6 @@ from ... import answers, links
 from ...prediction_errors import ahead
 from ...prediction_errors import noise as noises
 from ...prediction_errors.answer import Answer, answer
-from ...prediction_errors.search import MOST
 from ...robot import Gap, RunsAway, Work
 from ...robots.log import continued
 from ...robots.log import noise as noise_of
@@ -143,10 +142,10 @@ def answered(path, given):
     return out
 
 
-def causes(found):
-    """Causes of all Links, those nearest to the commands first, each once."""
+def causes(found, most):
+    """Up to `most` causes of all Links, those nearest to the commands first, each once."""
     every = [cause for link in found for cause in link.answer.fit.causes]
-    return tuple({cause.name: cause for cause in reversed(every)}.values())[::-1][:MOST]
+    return tuple({cause.name: cause for cause in reversed(every)}.values())[::-1][:most]
 
 
 def told(found, whole, given):

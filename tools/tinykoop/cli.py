@@ -9,16 +9,19 @@ from pathlib import Path
 
 from .formats import FORMATS
 from .platforms import COLUMNS as PLATFORMS
+from .plumbing import checkout
 from .plumbing.errors import UserError
 from .plumbing.results import printable
 
-ROOT = Path(__file__).resolve().parents[2]
-OUT = ROOT / "build/out"
 INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
 TABLES = (  # commands that write what they measured into the docs
     "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize",
 )  # fmt: skip
+DEVELOPERS = (  # commands that work on the files of a checkout
+    "targets", "bench", "coverage", "mutants", "fuzz", "static", "soak", "flips", "determinism", "flags", "sanitize",
+)  # fmt: skip
+OUT_NAME = "build/out" if checkout.EXISTS else checkout.OUT
 
 # What a shell says of a program that SIGPIPE ends, as `| head` ends those in C. Python ignores the signal: it would end
 # the process in the middle of a write, or where a worker's pipe is gone.
@@ -200,7 +203,7 @@ def parser():
         listed.append(f"  {name:<13}{summary}")
         command = commands.add_parser(name, description=summary, formatter_class=_Help)
         if out:
-            command.add_argument("--out", default=OUT, type=Path, help="folder for results (default: build/out)")
+            command.add_argument("--out", default=checkout.OUT, type=Path, help=f"folder for results (default: {OUT_NAME})")
         if name in TABLES:
             command.add_argument("--update", action="store_true", help="also write the figures into README and docs/")
         return command
@@ -210,6 +213,15 @@ def parser():
         fill(add)
     main.epilog = "\n".join(listed)
     return main
+
+
+def _needs_checkout(a):
+    """Refuses, where there is no checkout, what works on its files."""
+    if a.command in DEVELOPERS:
+        checkout.need(f"tinykoop {a.command}")
+    for option in ("update", *(("robot",) if a.command == "blind" else ())):
+        if getattr(a, option, None):
+            checkout.need(f"tinykoop {a.command} --{option}")
 
 
 def _options(a):
@@ -224,6 +236,7 @@ def _options(a):
 
 def dispatch(a):
     """Runs one subcommand; true where what was asked for does not hold."""
+    _needs_checkout(a)
     if a.command == "demo":
         from . import demo
 
@@ -268,7 +281,7 @@ def dispatch(a):
             pooled.check(a.log, a.groups)
         elif a.groups:
             raise UserError("--groups: labels of logs that are fitted together; add --pool")
-        out = a.out / "diagnose" if a.out == OUT else a.out
+        out = a.out / "diagnose" if a.out == checkout.OUT else a.out
         if len(a.log) == 1:
             result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim, a.mcap)
             return diagnose.exceeds(result.report, a.max_gap)
@@ -331,7 +344,7 @@ def dispatch(a):
     elif a.command == "bench":
         from . import bench
 
-        bench.run(a.out, ROOT / "build/bench", a.update, a.quick)
+        bench.run(a.out, checkout.ROOT / "build/bench", a.update, a.quick)
     elif a.command == "fuzz":
         from .assure import fuzz
 
@@ -389,7 +402,7 @@ def main():
     except ModuleNotFoundError as error:
         if error.name.startswith("tinykoop"):
             raise
-        return _refuse(f"the Python package '{error.name}' is missing: build/venv/bin/pip install -r tools/requirements-test.txt")
+        return _refuse(f"the Python package '{error.name}' is missing: {checkout.install('test')}")
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
     except BrokenPipeError:

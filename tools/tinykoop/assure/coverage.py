@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..plumbing import pages
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, write_json
 
-ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"
 BUILD = ROOT / "build/coverage"
 TESTS = ROOT / "test/c"

@@ -8,15 +8,14 @@ import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
-from pathlib import Path
 
 from ..plumbing import pages
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
 
-ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "build/flips"
 
 PRECISIONS = ("koopf", "koopd")

@@ -9,15 +9,14 @@ import re
 import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from ..plumbing import pages
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
 
-ROOT = Path(__file__).resolve().parents[3]
 COMMITTED = ROOT / "test/fuzz/corpus"
 BUILD = ROOT / "build/fuzz"
 COMPILER, PACKAGES = "clang-19", "clang-19 libclang-rt-19-dev"

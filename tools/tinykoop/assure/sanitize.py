@@ -6,15 +6,14 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from ..plumbing import pages
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
 
-ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "build/sanitize"
 
 PROGRAMS = {"gcc": "gcc", "cmake": "cmake", "valgrind": "valgrind"}

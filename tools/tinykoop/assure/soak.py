@@ -9,15 +9,14 @@ import os
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
-from pathlib import Path
 
 from ..plumbing import pages, plots
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, replacing
 
-ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "build/soak"
 
 PRECISIONS = ("koopf", "koopd")

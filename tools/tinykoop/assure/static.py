@@ -13,12 +13,12 @@ from pathlib import Path
 import lizard
 
 from ..plumbing import pages
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
 
-ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"
 FOLDER = ROOT / "test/static"
 BUILD = ROOT / "build/static"

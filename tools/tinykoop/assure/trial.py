@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import progress
 
-ROOT = Path(__file__).resolve().parents[3]
 LIB = ROOT / "lib"
 BUILD = ROOT / "build/mutants"
 WORK = BUILD / "work"  # a folder for each mutant that is being tried

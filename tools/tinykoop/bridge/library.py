@@ -6,14 +6,18 @@ refuses is raised as UserError with its message.
 
 import ctypes as ct
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
 
+from ..plumbing import checkout
 from ..plumbing.errors import UserError
 
 # The variable is for a build with sanitizers.
-_LIBRARY = Path(os.environ.get("TINYKOOP_SIM", Path(__file__).resolve().parents[3] / "build/host/host_sim/libtinykoop_sim.so"))
+_NAME = "libtinykoop_sim" + {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
+_LIBRARY = Path(os.environ.get("TINYKOOP_SIM") or checkout.data(f"build/host/host_sim/{_NAME}", f"_lib/{_NAME}"))
+_REMEDY = "is not built: run `make build` first" if checkout.EXISTS else "is missing: pip install --force-reinstall --no-deps tinykoop"
 
 DOUBLES = ct.POINTER(ct.c_double)
 INTS = ct.POINTER(ct.c_int32)
@@ -21,7 +25,7 @@ INTS = ct.POINTER(ct.c_int32)
 
 def _load():
     if not _LIBRARY.exists():
-        raise UserError(f"{_LIBRARY.name} is not built: run `make build` first")
+        raise UserError(f"{_LIBRARY.name} {_REMEDY}")
     c = ct.CDLL(str(_LIBRARY))
     for name in ("tk_message", "tk_effect_name", "tk_effect_formula", "tk_effect_family", "tk_effect_reported_as"):
         getattr(c, name).restype = ct.c_char_p

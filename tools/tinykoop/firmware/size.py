@@ -5,13 +5,13 @@ are, too, for the two sizes measured there, and follow the count of multiply-add
 """
 
 import json
-from pathlib import Path
 
 from .. import bridge
+from ..plumbing import checkout
 from ..plumbing.errors import UserError
 from ..plumbing.results import print_table
 
-FOOTPRINT = Path(__file__).resolve().parents[3] / "targets/footprint.json"
+FOOTPRINT = checkout.data("targets/footprint.json", "firmware/footprint.json")
 MEASURED = (("N7_m2_H50", 7), ("N22_m2_H50", 22))
 STATES, INPUTS, HORIZON = 3, 2, 50  # of the measured controllers
 LEVELS = ("O2", "Os")

@@ -16,12 +16,12 @@ from functools import partial, reduce
 from pathlib import Path
 
 from ..plumbing import pages
+from ..plumbing.checkout import ROOT
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, write_json
 from . import callgraph
 
-ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "targets"
 BUILD = ROOT / "build/targets"
 COMMITTED = FOLDER / "footprint.json"

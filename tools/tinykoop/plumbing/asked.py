@@ -3,6 +3,7 @@
 import difflib
 from importlib import import_module
 
+from . import checkout
 from .errors import UserError
 
 LISTED = 12  # names that are said where none is near
@@ -14,8 +15,7 @@ def package(name, extra):
     try:
         return import_module(name)
     except ImportError:
-        remedy = f"build/venv/bin/pip install -r tools/requirements-{extra}.txt"
-        raise UserError(f"the package {name.partition('.')[0]} is missing; {remedy}") from None
+        raise UserError(f"the package {name.partition('.')[0]} is missing; {checkout.install(extra)}") from None
 
 
 def plain(name):

@@ -2,12 +2,10 @@
 
 import re
 import shutil
-from pathlib import Path
 
+from .checkout import ROOT
 from .errors import UserError
 from .results import write_bytes
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def table(title, headers, lines, others="---:"):

@@ -4,6 +4,7 @@ from contextlib import contextmanager
 
 from joblib import Parallel, delayed, parallel_config
 
+from . import checkout
 from .errors import UserError
 from .results import progress
 
@@ -18,9 +19,7 @@ def workers(cluster=None, jobs=None):
     try:
         from distributed import Client
     except ImportError:
-        raise UserError(
-            "--cluster: the package distributed is missing; install it: build/venv/bin/pip install -r tools/requirements-blind.txt"
-        )
+        raise UserError(f"--cluster: the package distributed is missing; install it: {checkout.install('blind')}")
     try:
         client = Client(cluster, timeout=10)
     except (OSError, ValueError) as error:

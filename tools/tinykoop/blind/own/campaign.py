@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...plumbing import plots
+from ...plumbing.checkout import ROOT
 from ...plumbing.errors import UserError
 from ...plumbing.results import alone, console, number, output_folder, print_table, remove, replacing, write_json
 from ...plumbing.workers import each, workers
@@ -20,7 +21,7 @@ from .. import DIAGNOSE, Command, _empty, diagnose, page, score
 from . import ROBOTS
 from .plant import drive
 
-EXAMPLES = Path(__file__).resolve().parents[4] / "examples/own_robot"
+EXAMPLES = ROOT / "examples/own_robot"
 TIERS = {
     "none": "none: healthy",
     "single": "one",

@@ -1,14 +1,15 @@
 """A robot with two driven wheels on a floor: contacts by MuJoCo, by another integrator and in steps of an eighth of the simulator's."""
 
 import math
-from pathlib import Path
+
+from ...plumbing.checkout import ROOT
 
 NAME, FILE = "two_wheeler", "two_wheeler/two_wheeler.toml"
 DT, ROWS = 0.02, 2000
 HEADER = ("t", "x", "y", "yaw", "left", "right")
 COMMANDS = ("left", "right")
 SENSORS = (("px", 0, 0.002), ("py", 1, 0.002), ("yaw", 3, 0.003))
-MODEL = Path(__file__).resolve().parents[4] / "examples/own_robot/two_wheeler/two_wheeler.xml"
+MODEL = ROOT / "examples/own_robot/two_wheeler/two_wheeler.xml"
 PARTS = 4  # steps of the engine in one of the plant
 WAVE = 0.4  # m, of a floor that is not flat
 

@@ -18,11 +18,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from ... import bridge
-from ...plumbing import results
+from ...plumbing import checkout, results
 from ...plumbing.locks import locked
 from . import common, library
 
-_CACHE = Path(__file__).resolve().parents[4] / "build" / "peers"
+_CACHE = checkout.cache("peers")
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ import io
 import json
 from pathlib import Path
 
+from ...plumbing import checkout
 from ...plumbing.errors import UserError
 from ...plumbing.results import output_folder, printable, write_bytes
 from ..report.terminal import say
 from . import layout, messages, tracks
-
-REMEDY = "build/venv/bin/pip install -r tools/requirements-mcap.txt"
 
 
 def prepare(path):
@@ -17,7 +16,7 @@ def prepare(path):
     try:
         import mcap  # noqa: F401
     except ImportError:
-        raise UserError(f"--mcap: the package mcap is missing; {REMEDY}") from None
+        raise UserError(f"--mcap: the package mcap is missing; {checkout.install('mcap')}") from None
     output_folder(Path(path).parent)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ... import bridge
 from ...bench import qp
+from ...plumbing import checkout
 from ...plumbing.errors import UserError
 from .. import control
 from .closed_loop import Stage
@@ -30,7 +31,7 @@ def peer(name):
     try:
         return import_module(name)
     except ImportError:
-        raise UserError(f"the Python package {name} is missing: run `make build` first")
+        raise UserError(f"the Python package {name} is missing: {checkout.install('test')}")
 
 
 def daqp_plan(step):

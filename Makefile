@@ -29,12 +29,16 @@ system:
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
 		echo "Missing: python3-venv. On Debian: sudo apt-get install python3-venv" >&2; exit 2; }
 
-$(VENV)/ready: tools/requirements.txt tools/pyproject.toml | system
+$(VENV)/packages: tools/requirements.txt | system
 	@echo "Python environment: about 85 MB of packages are downloaded once, which takes a minute or so ..."
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV)
 	@$(call install,$(VENV),tools/requirements.txt)
-	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e tools
+	@touch $@
+
+# The tools themselves, from where they are: without their library, which is in build/host.
+$(VENV)/ready: pyproject.toml lib/include/tinykoop.h $(VENV)/packages
+	@$(VENV)/bin/pip install $(PIP_OPTIONS) --no-build-isolation --no-deps -e .
 	@touch $@
 
 # The packages that tests and comparisons need in addition to the tools.

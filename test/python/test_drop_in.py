@@ -263,7 +263,7 @@ def test_versions_agree():
         "library.json": r'"version": "(.*)"',
         "idf_component.yml": r'version: "(.*)"',
         "arduino/library.properties": r"version=(.*)",
-        "tools/pyproject.toml": r'version = "(.*)"',
+        "CITATION.cff": r"\nversion: (.*)",
     }
     versions = {name: re.search(pattern, (ROOT / name).read_text())[1] for name, pattern in patterns.items()}
     assert len(set(versions.values())) == 1, versions

@@ -153,9 +153,9 @@ def test_diagnose_writes_its_report_last(log, tmp_path, monkeypatch):
 def test_a_killed_installation_is_not_taken_for_ready(tmp_path):
     """The Makefile's environment is ready only when all of it is installed, and is made anew until then."""
     shutil.copy(ROOT / "Makefile", tmp_path)
-    (tmp_path / "tools").mkdir()
-    for name in ("requirements.txt", "pyproject.toml"):
-        (tmp_path / "tools" / name).touch()
+    for name in ("tools/requirements.txt", "pyproject.toml", "lib/include/tinykoop.h"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
     interpreter = tmp_path / "python"
     interpreter.write_text(f"""#!/bin/sh
 test "$1" = -c && exit 0

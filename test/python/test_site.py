@@ -77,7 +77,8 @@ def test_without_a_network_one_line_says_what_is_missing(tmp_path):
     pip.parent.mkdir(parents=True)
     pip.write_text("#!/bin/sh\necho 'WARNING: Retrying after connection broken' >&2\nexit 1\n")
     pip.chmod(0o755)
-    (tmp_path / "venv/ready").touch()
+    for stamp in ("packages", "ready"):
+        (tmp_path / "venv" / stamp).touch()
     alone = {**os.environ, "MAKEFLAGS": ""}
     command = ["make", f"BUILD={tmp_path}", f"{tmp_path}/venv/docs-ready"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=alone)

@@ -218,10 +218,10 @@ def parser():
 def _needs_checkout(a):
     """Refuses, where there is no checkout, what works on its files."""
     if a.command in DEVELOPERS:
-        checkout.need(f"tinykoop {a.command}")
+        checkout.need(a.command)
     for option in ("update", *(("robot",) if a.command == "blind" else ())):
         if getattr(a, option, None):
-            checkout.need(f"tinykoop {a.command} --{option}")
+            checkout.need(f"{a.command} --{option}")
 
 
 def _options(a):

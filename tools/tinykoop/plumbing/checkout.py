@@ -12,9 +12,12 @@ OUT = ROOT / "build/out" if EXISTS else Path("tinykoop-out")  # results
 
 
 def need(what):
-    """Refuses what works on the files of the project where there are none."""
+    """Refuses arguments of the command that work on the files of the project, where there are none."""
     if not EXISTS:
-        raise UserError(f"{what}: works on a checkout of TinyKoop, not on an installed package; run it there as build/venv/bin/tinykoop")
+        raise UserError(
+            f"{what}: needs a checkout of TinyKoop, and this is an installed package; "
+            f"in a checkout, run `make build`, then build/venv/bin/tinykoop {what}"
+        )
 
 
 def data(source, inside):

@@ -15,7 +15,7 @@ UPDATED := $(if $(UPDATE),--update)
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind constants study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers docs clean
+.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind constants study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -173,6 +173,20 @@ $(BUILD)/packagers/ready: tools/requirements-packagers.txt | system
 
 packagers: $(VENV)/ready $(BUILD)/packagers/ready ## tests of the manifests with PlatformIO, ESP-IDF's component manager and Kconfig
 	@$(VENV)/bin/python -m pytest -q -rs test/python/test_drop_in.py
+
+# What names the wheel after the systems that it runs on.
+$(VENV)/wheel-ready: tools/requirements-wheel.txt $(VENV)/ready
+	@echo "Packages for the wheel ..."
+	@$(call install,$(VENV),tools/requirements-wheel.txt)
+	@touch $@
+
+wheel: $(VENV)/wheel-ready ## the Python package with its compiled library, for `pip install`, and its sources: build/dist
+	@rm -rf $(BUILD)/dist $(BUILD)/wheel
+	@$(VENV)/bin/python -c "from scikit_build_core.build import build_sdist; build_sdist('$(BUILD)/dist')" >$(BUILD)/wheel.log
+	@$(VENV)/bin/pip wheel $(PIP_OPTIONS) --no-build-isolation --no-deps -w $(BUILD)/wheel $(BUILD)/dist/*.tar.gz
+	@$(VENV)/bin/auditwheel repair --patcher none -w $(BUILD)/dist $(BUILD)/wheel/*.whl >>$(BUILD)/wheel.log 2>&1 || { \
+		cat $(BUILD)/wheel.log >&2; exit 1; }
+	@ls $(BUILD)/dist/*
 
 # The packages that build the documentation site.
 $(VENV)/docs-ready: tools/requirements-docs.txt $(VENV)/ready

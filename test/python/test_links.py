@@ -242,7 +242,7 @@ def test_commands_of_zero_and_a_pose_too_noisy_to_tell_are_no_missing_traction()
 
 def test_readings_that_are_off_are_no_answer():
     log = in_the_air()
-    x, rows = log.x.copy(), np.random.default_rng(5).choice(len(log.x), len(log.x) // 50, replace=False)
+    x, rows = log.x.copy(), np.random.default_rng(3).choice(len(log.x), len(log.x) // 50, replace=False)
     x[rows, 2] += 0.6
     assert traction.dead(replace(log, x=x), log.u)
 

@@ -1,14 +1,13 @@
 /* CSV logs: contract of columns, checks, masks and segments. */
 #define _POSIX_C_SOURCE 200809L /* locales of a thread */
 
-#include <locale.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "message.h"
+#include "system.h"
 
 enum { MAX_COLUMNS = 64, MIN_ROWS = 3 };
 
@@ -71,17 +70,6 @@ void tk_log_free(tk_log *log) {
 	free(log->seg);
 	free(log->pose_ok);
 	free(log);
-}
-
-/* Numbers have a point, whatever the program's locale, which this thread sets aside. Null: it cannot. */
-static locale_t set_locale_aside(void) {
-	const locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
-	if (!plain) { fail("out of memory"); }
-	return plain ? uselocale(plain) : (locale_t)0;
-}
-
-static void put_locale_back(locale_t before) {
-	freelocale(uselocale(before));
 }
 
 /* ---- Reading --------------------------------------------------------------- */
@@ -337,8 +325,9 @@ static int read_path(const char *path, const platform *p, tk_log **out) {
 int tk_log_read(const char *path, const char *platform_name, tk_log **out) {
 	if (!path || !out) { return fail("path and log must be given"); }
 	const platform *p = platform_by_name(platform_name);
-	const locale_t before = p ? set_locale_aside() : (locale_t)0;
-	if (!before) { return TK_ERROR; }
+	if (!p) { return TK_ERROR; }
+	const saved_locale before = set_locale_aside();
+	if (!before) { return fail("out of memory"); }
 	const int status = read_path(path, p, out);
 	put_locale_back(before);
 	return status;
@@ -372,7 +361,7 @@ int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usab
 
 static int write_rows(FILE *file, const platform *p, size_t rows, double dt, const double *x,
                       const double *u) {
-	const locale_t before = set_locale_aside();
+	const saved_locale before = set_locale_aside();
 	if (!before) { return 0; }
 	const size_t columns = 1 + p->n_states + p->n_inputs;
 	for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i].name); }
@@ -383,7 +372,7 @@ static int write_rows(FILE *file, const platform *p, size_t rows, double dt, con
 	}
 	fprintf(file, "\n");
 	put_locale_back(before);
-	return fflush(file) == 0 && !ferror(file) && fsync(fileno(file)) == 0;
+	return fflush(file) == 0 && !ferror(file) && to_disk(file) == 0;
 }
 
 /* Refuses what reading would refuse. */
@@ -411,13 +400,13 @@ int tk_log_write(const char *path, const char *platform_name, size_t rows, doubl
 	}
 	char *beside = malloc(strlen(path) + 32);
 	if (!beside) { return fail("out of memory"); }
-	sprintf(beside, "%s.%ld.part", path, (long)getpid());
+	sprintf(beside, "%s.%ld.part", path, process_id());
 	FILE *file = fopen(beside, "w");
 	int ok = file != NULL;
 	if (ok) {
 		ok = write_rows(file, p, rows, dt, x, u);
 		ok = fclose(file) == 0 && ok;
-		ok = ok && rename(beside, path) == 0;
+		ok = ok && rename_over(beside, path) == 0;
 		if (!ok) { remove(beside); }
 	}
 	free(beside);

@@ -112,8 +112,8 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 	@$(call install,$(VENV),tools/requirements-logs.txt)
 	@touch $@
 
-blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PLATFORM=fwmav or ROBOT=car, ..): blind.json
-	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(foreach tier,$(TIER),--tier "$(tier)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
+blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PEERS=no, PLATFORM=fwmav or ROBOT=car, ..): blind.json
+	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(filter no,$(PEERS)),--no-peers) $(foreach tier,$(TIER),--tier "$(tier)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
 constants: build ## the diagnoser's constants: reason of each, and how many answers change when it is halved and doubled (N= logs of each kind, SEED=): constants.json
 	@$(TINYKOOP) constants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)

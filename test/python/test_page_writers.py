@@ -81,9 +81,15 @@ def test_blind_writes_counts_with_their_intervals_and_the_peers(written):
     assert healthy == ["5", "6", "0.44", "0.97"]  # Wilson, as tabulated: 43.6 to 97.0 %
     assert lines["of these with random slip of 1 to 10 %"][:2] == ["1", "1"]
     assert lines["effect on a robot that slips at random by 1 to 5 %: its family named first"][:2] == ["1", "1"]
-    assert lines["boosting"][1:3] == ["0", "1"] and lines["tinykoop"][1:3] == ["1", "0"]
+    peers = cells(written["blind-peers"])
+    assert peers["boosting"][1:3] == ["0", "1"] and peers["tinykoop"][1:3] == ["1", "0"]
     assert (written["blind-single"], written["blind-healthy"]) == ("3 of 4", "5 of 6")
-    assert "`make blind N=4 SEED=9`: 13 drives" in written["blind"]
+    assert "`make blind N=4 SEED=9`: 13 drives" in written["blind"] and "`make blind N=4 SEED=9`, by peers" in written["blind-peers"]
+
+
+def test_blind_without_peers_leaves_their_table_and_says_so(written):
+    blind.drives({"seal": {"n": 1, "seed": 9}, "rows": [drive("single", top1=True), drive("none_white", false_alarm=False)]})
+    assert "blind-peers" not in written and "`make blind N=1 SEED=9 PEERS=no`: 2 drives" in written["blind"]
 
 
 def test_blind_flights_are_counted_by_tier(written):

@@ -145,6 +145,7 @@ def _assurance(add):
     blind.add_argument("--n", type=int, default=20, help="logs of each tier; of the drive's, a single one has at most 900 rows")
     blind.add_argument("--tier", action="append", metavar="NAME", help="only this tier, may be given several times (default: all)")
     blind.add_argument("--seed", type=int, default=1, help="of all logs")
+    blind.add_argument("--no-peers", action="store_true", help="drives: leave out the methods compared with, which take most of the time")
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler")
 
@@ -332,7 +333,7 @@ def dispatch(a):
         if a.platform == "fwmav":
             flights.run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
             return None
-        blind.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.tier, update=a.update)
+        blind.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.tier, update=a.update, peers=not a.no_peers)
     elif a.command == "size":
         from .firmware import size
 

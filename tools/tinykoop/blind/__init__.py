@@ -136,8 +136,11 @@ def _known(which, there):
         raise UserError(f"--tier {strange[0]}: no such tier; there are {', '.join(there)}")
 
 
-def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=None, update=False):
-    """Writes blind.json and its plots into `out`, and with `update` docs/diagnose.md; returns the results. which: tiers, all if None."""
+def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=None, update=False, peers=True):
+    """Writes blind.json and its plots into `out`, and with `update` docs/diagnose.md; returns the results.
+
+    which: tiers, all if None; peers: whether other methods are asked, too.
+    """
     from . import draw, page, score, tiers
 
     if n < 1 or seed < 0:
@@ -146,7 +149,7 @@ def run(out, n=N, seed=SEED, cluster=None, jobs=None, which=None, diagnosers=Non
         raise UserError("--update: the table needs every tier; leave out --tier")
     out = output_folder(out)
     _known(which, tiers.TIERS)
-    diagnosers = {score.OURS: Command()} | others() if diagnosers is None else diagnosers
+    diagnosers = {score.OURS: Command()} | (others() if peers else {}) if diagnosers is None else diagnosers
     work = out / "blind"
     with alone(out / "blind.json"), workers(cluster, jobs):
         labels = generate(out, n, seed, diagnosers, which)

@@ -112,7 +112,7 @@ def gap_page(rows):
                 row["verdict"],
                 ", ".join(row["fit"]) or "-",
                 number(before, 2),
-                number(None if closed is None else 100 * closed, 2),
+                number(None if closed is None else round(100 * closed)),
             ]
         )
     headers = ["log", "verdict", "effects, or the best fit", "error 50 steps ahead (m)", "closed (%)"]

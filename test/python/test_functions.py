@@ -92,3 +92,11 @@ def test_lag_of_one_axis_is_a_candidate_although_a_lag_of_both_promises_nothing(
     search = Search(ddr.Path(log))
     state = search.likeliest(search.fitter.fit_of(()))
     assert search.candidates(search.at(state).fit_of(()))[0][1].name == "yaw_lag"
+
+
+@pytest.mark.parametrize("times", [1e3, 1e9, 1e300])
+def test_commands_in_another_unit_need_no_more_memory(times):
+    log = log_of("", rows=200)
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = features.functions(times * log.u, np.arange(200), log.x, DT, np.zeros((200, 3)))
+    assert not any(name.startswith("angle of a wheel") for name in found) or times * np.abs(log.u[:, 0]).sum() * DT < features.FARTHEST

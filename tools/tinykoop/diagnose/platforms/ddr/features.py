@@ -15,7 +15,8 @@ WARMS = (5.0, 20.0)  # s, over which motors and brakes remember how they were us
 REVERSED = (0.4, 1.0)  # s, for which a reversal may be felt
 SWINGS, DAMPING = tuple(np.geomspace(0.4, 1.6, 6)), 0.12  # Hz, of loads and masts; damping ratio, so that two neighbours overlap
 WHEELS = (0.04, 1.0)  # m, radii of wheels
-SPOT, PEAKS = 0.01, 3  # m of the way, that count as one place; radii that are tried
+SPOT, FARTHEST = 0.01, 5e4  # m of the way: that count as one place; beyond which commands are in another unit
+PEAKS = 3  # radii that are tried
 CELLS, REACH = 6, 2.0  # of a map, per axis; standard deviations of the place, that it reaches to
 
 
@@ -74,7 +75,10 @@ def _map(place, a):
 
 def _turning(way, a, left):
     """Waves of the way (K,) that wheels which are not round make, of the radii that show most in what is left (K, 3)."""
-    spots, table = ((way - way[0]) / SPOT).astype(int), {}
+    table = {}
+    if not way[-1] - way[0] < FARTHEST:
+        return table
+    spots = ((way - way[0]) / SPOT).astype(int)
     count = 2 * (spots[-1] + 1)  # twice as many as there are, so that no wave falls between two that are tried
     paces = 2 * np.pi * np.arange(count // 2 + 1) / (count * SPOT)
     of_wheels = (paces > 1 / WHEELS[1]) & (paces < 1 / WHEELS[0])

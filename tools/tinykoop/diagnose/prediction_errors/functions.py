@@ -51,7 +51,7 @@ class Functions:
     def beside(self):
         """The functions Taken that add to the causes."""
         causes = self.state.fit.causes
-        if not self.path.calibrated:
+        if not self.path.competes:
             return Taken([], 0.0, self.state.noise, np.zeros(0))
         return self._taken(self.D, self._slopes(causes), np.ones(len(self.names), bool), BESIDE)
 

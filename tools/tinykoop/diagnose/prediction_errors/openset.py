@@ -85,7 +85,7 @@ class BlackBox:
 
     def rival(self):
         """Squares and price, by which plain functions alone are worse than the causes with the functions beside them."""
-        return self.beside.gained - self.functions.instead() if self.path.calibrated and self.functions.state.causes else np.inf
+        return self.beside.gained - self.functions.instead() if self.path.competes and self.functions.state.causes else np.inf
 
     @property
     def predicts(self):

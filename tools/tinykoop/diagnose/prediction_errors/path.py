@@ -36,6 +36,7 @@ class Path:
     tiny = 0.0  # of its usual size: what is less does not matter
     motions, motion = ("at any speed",), 0  # how random motion may depend on the command, and how it is taken to
     calibrated = False  # whether confidence is reckoned from evidence, as it was calibrated for drives
+    competes = False  # whether plain functions compete with effects, as it was measured for drives
     partial = 0.5  # confidence of the surest cause, from which on a verdict is partly where something is left
     wanders = True  # whether the robot moves at random, as slipping wheels do; else what looks random is left over
     command_names: tuple = ()

@@ -77,7 +77,7 @@ class Path(path.Path):
     command_names = ("v", "omega")
     most = MOST
     variants = tuple(title for title, _ in VARIANTS)
-    calibrated = weighed = True
+    calibrated = weighed = competes = True
     motions = ("at any speed", "in proportion to the commanded speed")
 
     def __init__(self, log, without=(), variant=0, base=(), most=None):

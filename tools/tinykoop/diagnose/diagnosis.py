@@ -189,8 +189,12 @@ AGREES, HELPS = 0.5, 0.25  # of the share closed on the log, that must close on 
 
 def check_on_fresh(result, path):
     """Adds `fresh` to the report, with the Path of another log; what does not hold there is known in part, or not at all."""
-    report = result.report
-    report["fresh"] = on_fresh(result, path)
+    compare(result.report, on_fresh(result, path))
+
+
+def compare(report, fresh):
+    """Takes `fresh` into a report, and into what it is sure of."""
+    report["fresh"] = fresh
     realised = _realised(report)
     if report["verdict"] in ("known", "partly") and realised < AGREES:
         for effect in report["effects"]:
@@ -232,9 +236,9 @@ def on_fresh(result, path):
     path.tell_hidden(state.noise)
     starts = ahead.starts_of(path)
     before, after = (ahead.errors(path, some, starts) for some in ((), causes))
-    least = judge.floors(
-        path, state.noise, before, after, openset.boxed(search, state, path.ahead(causes, starts, ahead.HORIZONS), starts)[0], starts
-    )
+    boxed, box = openset.boxed(search, state, path.ahead(causes, starts, ahead.HORIZONS), starts)
+    least = judge.floors(path, state.noise, before, after, boxed, starts)
+    least = judge.surely(path, box, least, starts) if causes else least
     return {
         **gaps(path, before, after, least),
         "effects": [one | called(path.effects[one["name"]]) for one in elsewhere.told(carried, parameters)],

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import cautions
-from .diagnosis import report_of
+from .diagnosis import gaps, report_of
 from .elsewhere import seconds
 from .prediction_errors import ahead
 
@@ -26,6 +26,12 @@ def report(moving, still, fault, where):
     }  # fmt: skip
     told["log"]["cautions"] = cautions.of_log(moving.path)
     return told
+
+
+def on_fresh(moving, still, fault):
+    """The `fresh` of the report; moving, still: Answers to the fresh log."""
+    named = {key: fault[key] for key in ("name", "params")} | {"acts": True}
+    return gaps(still.path, moving.before, still.after, still.floor) | {"effects": [named]}
 
 
 def fault(name, link, motion, evidence, log):

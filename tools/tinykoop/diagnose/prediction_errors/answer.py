@@ -73,4 +73,5 @@ def answer(path):
     if word == "none":
         fit, proofs, after = fitter.fit_of(()), [], before
     sizes, final = weighed.sized(search, replace(state, fit=fit), starts)
+    floor = judge.surely(path, box, floor, starts) if fit.causes else floor
     return Answer(search, state, fitter.fit_of(final.causes), sizes, proofs, left, word, small, starts, before, after, floor, boxed, box)

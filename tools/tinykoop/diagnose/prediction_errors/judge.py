@@ -214,6 +214,16 @@ def floors(path, noise, before, after, boxed, starts):
     return out
 
 
+def surely(path, box, floor, starts):
+    """floors() without random motion that may be what the forms of causes miss, as a line where the robot has a curve.
+
+    Random is at most what is left beside plain functions, and what the robot can do at random.
+    """
+    noise = path.random(box.beside.noise)
+    sensor, least = (ahead.floor(path, n, starts) for n in (noise.quiet(path), noise))
+    return {gap: np.maximum(np.fmin(floor[gap], least[gap]), np.fmin(floor[gap], sensor[gap])) for gap in path.gaps}
+
+
 def left(search, state, before, after, boxed, floor, box, starts):
     """The Left of a state: what plain functions predict of what causes leave, or what noise does not make of that, if that is more.
 

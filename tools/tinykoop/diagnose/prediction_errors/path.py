@@ -76,6 +76,10 @@ class Path:
         """Deviations (S, n) of states in rows `ends`, as ahead() has them of predictions from rows `starts` (S, c)."""
         return deviations @ self.C.T
 
+    def random(self, noise):
+        """Noise with no more random motion than this kind of robot makes: the rest may be systematic. Here it may be any."""
+        return noise
+
     def bends(self, causes):
         """Whether causes have the path elsewhere: steps end where they end, whatever a sensor shows."""
         return False

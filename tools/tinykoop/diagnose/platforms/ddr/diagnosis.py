@@ -69,7 +69,7 @@ def diagnose(log, fresh=None, without=(), healthy=(), seed=0):
     check_effects(without, (*library(log.u), standing.EFFECT))
     dead = None if standing.EFFECT in without else links.dead(log, speeds)
     if dead:
-        return standing.diagnosis(log, dead, speeds)
+        return standing.diagnosis(log, dead, speeds, fresh)
     path = path_of(log, without, healthy)
     found = answer(path)
     pairs, hidden = open_questions(found)

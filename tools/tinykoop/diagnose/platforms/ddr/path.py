@@ -1,5 +1,7 @@
 """The differential-drive robot of host_sim/: pose (px, py, theta), commands (v, omega)."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import ndimage
 
@@ -30,6 +32,7 @@ FEW, COARSE = 3500, 2500  # of more than so many rows, some with which a search 
 MOST_OF_LONG = 5  # effects that such a log can distinguish
 SMALLEST, SMALLEST_NOISE = 0.002, 0.5  # shares of the way driven, or turned, and of the noise of a pose: a smaller gap does not matter,
 SMALLEST_TURN = 0.003  # rad, nor does a smaller one of heading
+TRACKS = (0.25, 2.0)  # m between wheels: wheels that slip at random drive and turn the body in a proportion between those of the two
 HALF_TRACK = 0.3  # m, usual half distance of the wheels, whose speeds random slip is in proportion to
 SLIPS_FOR, SLIPS_AT_REST = 0.5, 0.1  # s, over which speeds are smoothed, since wheels follow their commands late; share of the usual speed
 STEADY = 0.02  # share that commands of one kind vary by
@@ -143,6 +146,12 @@ class Path(path.Path):
         if motion != self.motion:
             self.motion = motion
             self._move()
+
+    def random(self, noise):
+        """Wheels that slip at random do not turn a body without driving it, nor drive it without turning, nor more sideways than along."""
+        along, across, turn = noise.process
+        along, turn = min(along, turn * TRACKS[1] / 2), min(turn, along * 2 / TRACKS[0])
+        return replace(noise, process=np.array([along, min(across, along), turn]))
 
     exact = np.zeros(3)
 

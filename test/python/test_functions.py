@@ -9,6 +9,8 @@ from tinykoop.blind import plant, tiers
 from tinykoop.diagnose.platforms import ddr
 from tinykoop.diagnose.platforms.ddr import features
 from tinykoop.diagnose.platforms.ddr.diagnosis import diagnose
+from tinykoop.diagnose.prediction_errors import ahead
+from tinykoop.diagnose.prediction_errors.noise import Noise
 from tinykoop.diagnose.prediction_errors.search import Search
 
 SEED = 4711
@@ -92,6 +94,33 @@ def test_lag_of_one_axis_is_a_candidate_although_a_lag_of_both_promises_nothing(
     search = Search(ddr.Path(log))
     state = search.likeliest(search.fitter.fit_of(()))
     assert search.candidates(search.at(state).fit_of(()))[0][1].name == "yaw_lag"
+
+
+@pytest.mark.parametrize("track", [0.3, 1.5])
+def test_wheels_that_slip_at_random_are_random_whatever_their_track(track):
+    """Slips of sd s of two wheels drive by s / sqrt(2) and turn by sqrt(2) s / track; what does one of the two alone is no slip."""
+    path, slip = ddr.Path(log_of("", rows=200)), 0.04
+    of = lambda *process: Noise(np.full(3, 0.004), np.zeros(3), np.array(process), np.full(3, 0.8))  # noqa: E731
+    wheels = of(slip / np.sqrt(2), 0.3 * slip, np.sqrt(2) * slip / track)
+    np.testing.assert_allclose(path.random(wheels).process, wheels.process, rtol=1e-12)
+    for alone in (of(slip, 0.0, 0.0), of(0.0, slip, 0.0), of(0.0, 0.0, slip)):
+        assert not path.random(alone).process.any()
+
+
+@pytest.mark.parametrize("truth, slips", [("yaw_lag", 0.0), ("yaw_gain", 0.02)])
+def test_what_a_form_misses_is_in_no_noise_floor_and_what_slips_at_random_is(truth, slips):
+    """A lag that differs for faster and slower turns, beside a gain of a robot that slips: before, after and the floor at 50 steps."""
+    random, rows = np.random.default_rng(SEED + 5), 1500
+    u = drive(rows, SEED)
+    lags = plant.Cause("yaw_lag", {"tau": 0.5}, "other", form="uneven_yaw_lag")
+    acting = [plant.Cause("yaw_gain", {"b": 0.15}) if slips else lags]
+    robot = {"size": slips, "tau": 0.3} if slips else None
+    x = plant.drive(u[:-1], DT, acting, (0.0, 0.0, 0.0), random, robot).poses + random.normal(size=(rows, 3)) * (0.004, 0.004, 0.006)
+    found = diagnose(bridge.Log(DT * np.arange(rows), x, u, np.ones(rows - 1, bool), DT)).found
+    sensor = ahead.floor(found.path, found.state.noise.quiet(found.path), found.starts)
+    after, floor, least = (ahead.rms(errors["position"])[-1] for errors in (found.after, found.floor, sensor))
+    assert found.fit.names and after > 1.5 * least
+    assert floor > 3 * least if slips else floor < 1.2 * least
 
 
 @pytest.mark.parametrize("times", [1e3, 1e9, 1e300])

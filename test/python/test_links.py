@@ -213,6 +213,18 @@ def test_a_robot_that_does_not_answer_has_no_traction_and_no_other_effect(where)
     assert "no traction" in page and "ramp" not in page and "faster than" not in page
 
 
+def test_a_robot_without_traction_is_checked_on_a_fresh_log():
+    stuck = diagnose(in_the_air(), in_the_air(seed=7)).report
+    assert stuck["verdict"] == "known" and stuck["effects"][0]["confidence"] > 0.9
+    assert stuck["fresh"]["gap"]["closed_fraction"]["50"] > 0.98 and stuck["fresh"]["effects"] == [
+        {"name": "no_traction", "params": {}, "acts": True}
+    ]
+    driving = diagnose(in_the_air(), log_of(seed=7)).report
+    assert driving["verdict"] == "unknown" and not driving["effects"]
+    assert driving["fresh"]["gap"]["after"]["50"] > 10 * driving["fresh"]["gap"]["before"]["50"]
+    assert "make the gap larger" in html(ddr.Teller(diagnose(in_the_air(), log_of(seed=7))).story()).decode()
+
+
 LIVING = {
     "turns a tenth": [("yaw_gain", (-0.9,))], "drives a tenth": [("speed_gain", (-0.9,))],
     "does a tenth of both": [("speed_gain", (-0.9,)), ("yaw_gain", (-0.9,))],

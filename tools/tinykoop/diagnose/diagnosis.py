@@ -212,9 +212,12 @@ def _has_gap(report):
 def _realised(report):
     """What closes on the fresh log, of what closes on the log, at the longest horizon with a gap on both; 1 where there is none.
 
-    Where the log has too small a gap for a share, it is what closes on the fresh log.
+    Where the log has too small a gap for a share, it is what closes on the fresh log. Where the fresh log has none, and would have one with
+    the causes, nothing closes.
     """
     log, fresh = (part["gap"]["closed_fraction"] for part in (report, report["fresh"]))
+    if ahead.opens(report["fresh"]["gap"]):
+        return 0.0
     seen = [h for h in log if np.isfinite(log[h]) and np.isfinite(fresh[h]) and log[h] > 0]
     if seen:
         return fresh[seen[-1]] / log[seen[-1]]

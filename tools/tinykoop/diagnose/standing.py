@@ -31,7 +31,8 @@ def report(moving, still, fault, where):
 def on_fresh(moving, still, fault):
     """The `fresh` of the report; moving, still: Answers to the fresh log."""
     named = {key: fault[key] for key in ("name", "params")} | {"acts": True}
-    return gaps(still.path, moving.before, still.after, still.floor) | {"effects": [named]}
+    floor = {gap: np.fmin(moving.floor[gap], least) for gap, least in still.floor.items()}
+    return gaps(still.path, moving.before, still.after, floor) | {"effects": [named]}
 
 
 def fault(name, link, motion, evidence, log):

@@ -137,3 +137,11 @@ def summary(before, after, least, seed=0):
         "before": put(whole[0]), "after": put(whole[1]), "noise_floor": put(whole[2]), "closed_fraction": put(share),
         "ci95": {str(h): [float(a), float(b)] for h, a, b in zip(HORIZONS, *spread)},
     }  # fmt: skip
+
+
+def opens(gap):
+    """Whether causes make predictions stand out of a gap (as of a report) that is about the noise without them, at the longest horizon."""
+    last = next((key for key, size in reversed(gap["after"].items()) if np.isfinite(size)), None)
+    if last is None or np.isfinite(gap["closed_fraction"][last]):
+        return False
+    return gap["after"][last] > (1 + SHOWS) * max(gap["before"][last], gap["noise_floor"][last])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ...plumbing.results import number
 from ..elsewhere import AT_END
-from ..prediction_errors.ahead import HORIZONS
+from ..prediction_errors.ahead import HORIZONS, opens
 from . import figures, words
 from .words import capital, listed, percent, real, title
 
@@ -392,10 +392,10 @@ class Teller:
         part = real(gap["closed_fraction"][key])
         if not self.fitted:
             return f"On the fresh log the simulator is {before} off, {self.ahead(key)}; noise alone makes {least}."
+        if part < 0 or opens({name: {h: real(v) for h, v in gap[name].items()} for name in (*PARTS, "closed_fraction")}):
+            return f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."
         if not math.isfinite(part):
             return f"On the fresh log the gap is about the noise ({before} against {least})."
-        if part < 0:
-            return f"On the fresh log the effects make the gap larger ({before} to {after}): do not use them."
         return f"On the fresh log, without refitting, {percent(part)} of the gap closes ({self.shrinks(gap, key)})."
 
     # ---- sections ------------------------------------------------------------------------------------

@@ -15,9 +15,10 @@ static koopf_mpc mpc;
 static int start(void) {
 	static const float Q[9] = {20, 0, 0, 0, 20, 0, 0, 0, 3}, R[4] = {0.05f, 0, 0, 0.08f};
 	static const float low[2] = {0, -1.2f}, high[2] = {2.0f, 1.2f}, stop[2] = {0, 0};
+	static const koopf_dead_zone zone = {.delta = 0.003f};
 	const koopf_config config = {
 		.dictionary = &koopf_rbf_ddr, .n_inputs = INPUTS, .regulator = &koopf_reg_dz_cs, .form = &koopf_form_sqrt,
-		.lambda = 0.98f, .p0 = 100.0f, .delta = 0.003f,
+		.lambda = 0.98f, .p0 = 100.0f, .settings = &zone,
 	};
 	const koopf_mpc_config plan = {
 		.n_lifted = LIFTED, .n_states = STATES, .n_inputs = INPUTS, .horizon = HORIZON,

@@ -7,14 +7,15 @@
 static float storage[KOOP_RLS_REALS_SQRT(22, 2)]; /* 4.2 kB for 22 lifted states and 2 inputs */
 
 int main(void) {
+	static const koopf_dead_zone zone = {.delta = 0.01f}; /* smaller innovations leave the covariance unchanged */
 	const koopf_config config = {
 		.dictionary = &koopf_rbf_ddr, /* 22 functions of the state; examples/own_dictionary.c has its own */
 		.n_inputs = 2,
 		.regulator = &koopf_reg_dz_cs, /* keeps the covariance of the least squares bounded */
+		.settings = &zone,
 		.form = &koopf_form_sqrt, /* the covariance as its square root: safe in float32 */
 		.lambda = 0.98f, /* forgetting factor */
 		.p0 = 100.0f,    /* initial covariance */
-		.delta = 0.01f,  /* dead zone: smaller innovations leave the covariance unchanged */
 	};
 	koopf_rls learner;
 	koopf_health health = {0};

@@ -62,9 +62,10 @@ static void hold(const float *x, int k, float *u) {
 int main(void) {
 	static float storage[KOOP_RLS_REALS_SQRT(LIFTED, INPUTS)];
 	static koopf_rls learner;
+	static const koopf_dead_zone zone = {.delta = 1e-4f};
 	const koopf_config config = {
 		.dictionary = &quadrotor, .n_inputs = INPUTS, .regulator = &koopf_reg_dz_cs, .form = &koopf_form_sqrt,
-		.lambda = 0.995f, .p0 = 100.0f, .delta = 1e-4f,
+		.lambda = 0.995f, .p0 = 100.0f, .settings = &zone,
 	};
 	float x[STATES] = {0}, u[INPUTS], psi[LIFTED], psi_next[LIFTED], late = 0;
 	koopf_health health = {0};

@@ -59,6 +59,29 @@ static double microseconds(void) {
 #undef KOOP
 #undef SIM
 
+const char *tk_regulator_name(size_t regulator) {
+	const koopd_regulator *r = f64_regulator_at(regulator);
+	return r ? r->name : NULL;
+}
+
+size_t tk_regulator_settings(size_t regulator) {
+	const koopd_regulator *r = f64_regulator_at(regulator);
+	return r ? r->n_settings : 0;
+}
+
+int tk_regulator_setting(size_t regulator, size_t setting, const char **name, double *low, double *high,
+                         double *usual) {
+	if (setting >= tk_regulator_settings(regulator)) {
+		return fail("regulator %zu has no setting %zu", regulator, setting);
+	}
+	const koopd_regulator *r = f64_regulator_at(regulator);
+	*name = r->settings[setting].name;
+	*low = r->settings[setting].low;
+	*high = r->settings[setting].high;
+	*usual = ((const double *)r->defaults)[setting];
+	return TK_OK;
+}
+
 struct tk_estimator {
 	f32_estimator *f32; /* one of the two is null */
 	f64_estimator *f64;

@@ -59,16 +59,19 @@ static REAL SIM(textbook_information)(KOOP(rls) *rls) {
 static int SIM(textbook_apply)(KOOP(rls) *rls, const KOOP(step) *step, REAL denominator) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
 	REAL *P = rls->covariance, *g = rls->work + rows;
-	(void)denominator;
 
 	if (rls->config.regulator->needs_information) {
 		REAL *R = SIM(textbook_inverse)(rls);
-		SIM(outer)(rls, R, -step->inflate * rls->config.lambda, rls->work, rls->work, 1);
+		SIM(outer)(rls, R, -step->deflate, rls->work, rls->work, 1);
 		SIM(outer)(rls, R, 1, rls->zeta, rls->zeta, 1);
 		SIM(outer)(rls, P, step->inflate, rls->zeta, rls->zeta, 1);
 	}
 	SIM(multiply)(rls, P, g);
-	SIM(outer)(rls, P, -1, rls->gain, g, step->scale);
+	if (denominator < 0) {
+		SIM(outer)(rls, P, -denominator, rls->gain, rls->gain, step->scale);
+	} else {
+		SIM(outer)(rls, P, -1, rls->gain, g, step->scale);
+	}
 
 	REAL trace = 0, sum = 0;
 	for (size_t i = 0; i < d; i++) { trace += P[i * rows + i]; }
@@ -130,11 +133,17 @@ static const KOOP(dictionary) *SIM(dictionary)(const char *name) {
 	return NULL;
 }
 
+#define ENTER(name) &KOOP(reg_##name),
+static const KOOP(regulator) *SIM(regulator_at)(size_t regulator) {
+	static const KOOP(regulator) *const table[] = {KOOP_REGULATORS(ENTER)};
+	return regulator < sizeof table / sizeof *table ? table[regulator] : NULL;
+}
+#undef ENTER
+
 static const KOOP(regulator) *SIM(regulator)(const char *name) {
-	static const KOOP(regulator) *const table[] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
-	                                               &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
-	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
-		if (strcmp(table[i]->name, name) == 0) { return table[i]; }
+	const KOOP(regulator) *regulator;
+	for (size_t i = 0; (regulator = SIM(regulator_at)(i)); i++) {
+		if (strcmp(regulator->name, name) == 0) { return regulator; }
 	}
 	return NULL;
 }
@@ -151,6 +160,7 @@ typedef struct SIM(estimator) {
 	KOOP(rls) rls;
 	KOOP(gate) gate;
 	int gated;
+	REAL settings[TK_MAX_SETTINGS]; /* of the regulator */
 	REAL *storage, *gate_storage;
 	REAL *vectors;                    /* owns the following */
 	REAL *psi, *psi_next, *predicted; /* N each */
@@ -181,14 +191,19 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	    .form = SIM(form)(s->form),
 	    .lambda = (REAL)s->lambda,
 	    .p0 = (REAL)s->p0,
-	    .delta = (REAL)s->delta,
-	    .tau0 = (REAL)s->tau0,
-	    .eps_sift = (REAL)s->eps_sift,
 	    .check = s->check,
 	};
 	if (!config.dictionary) { return fail("there is no dictionary named '%s'", s->dictionary); }
 	if (!config.regulator) { return fail("there is no regulator named '%s'", s->regulator); }
 	if (!config.form) { return fail("there is no covariance form named '%s'", s->form); }
+
+	const size_t own = config.regulator->n_settings;
+	REAL settings[TK_MAX_SETTINGS];
+	if (s->n_settings > 0 && (s->n_settings != own || own > TK_MAX_SETTINGS || !s->settings)) {
+		return fail("regulator '%s' has %zu settings, not %zu", s->regulator, own, s->n_settings);
+	}
+	for (size_t i = 0; i < s->n_settings; i++) { settings[i] = (REAL)s->settings[i]; }
+	config.settings = s->n_settings > 0 ? settings : NULL;
 
 	size_t reals;
 	int status = KOOP(rls_reals)(&config, &reals);
@@ -209,6 +224,7 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	e->predicted = e->psi_next + N;
 	e->x = e->predicted + N;
 	e->u = e->x + n;
+	if (config.settings) { config.settings = memcpy(e->settings, settings, sizeof settings); }
 	status = KOOP(rls_init)(&e->rls, &config, e->storage, reals);
 	if (status != KOOP_OK) {
 		SIM(free)(e);

@@ -203,14 +203,24 @@ TK_API int tk_fwmav_follow(const tk_active *effects, size_t n_effects, const tk_
 
 /* ---- Estimator: lib/ in either precision ---------------------------------- */
 
+enum { TK_MAX_SETTINGS = 8 };
+
+/* The regulators of lib/, in the order of KOOP_REGULATORS; null when there are no more. */
+TK_API const char *tk_regulator_name(size_t regulator);
+TK_API size_t tk_regulator_settings(size_t regulator);
+/* Name, bounds (refused outside) and default of a setting, in float64. */
+TK_API int tk_regulator_setting(size_t regulator, size_t setting, const char **name, double *low, double *high,
+                                double *usual);
 typedef struct tk_settings {
 	const char *dictionary; /* poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav; wide_fwmav, N = 40, for timing */
-	const char *regulator;  /* none, ef, dz_cs, dz_ks, ct, sift */
+	const char *regulator;  /* one of tk_regulator_name() */
 	const char *form;       /* plain, sqrt, textbook */
 	int precision;          /* 32 or 64 */
 	int check;              /* KOOP_CHECK_... */
 	int n_inputs;
-	double lambda, p0, delta, tau0, eps_sift;
+	double lambda, p0;
+	size_t n_settings; /* 0: the regulator's defaults; else all of its settings */
+	const double *settings;
 	int gate; /* 1: replays learn through the gate, with its defaults */
 } tk_settings;
 

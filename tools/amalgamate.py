@@ -25,7 +25,7 @@ HEADERS = ("tinykoop", "tinykoop_supervisor")
 TAB, COLUMNS = 4, 110
 
 COMMENT_OR_STRING = re.compile(r'/\*.*?\*/|"(?:\\.|[^"\\\n])*"', re.S)
-STATIC_FUNCTION = re.compile(r"^(?:OUT_OF_LINE )?static [^;={}()]*?\b(\w+)\((?!\()", re.M)
+STATIC_FUNCTION = re.compile(r"^(?:OUT_OF_LINE )?static [^;={}()]*?\b(?!KOOP\b)(\w+)\((?!\()", re.M)
 STATIC_OBJECT = re.compile(r"^static [^(){}]*[;=]", re.M)
 SHARED_ENUM = re.compile(r"^enum \{[^}]*\};\n\n?", re.M)
 TABLE = re.compile(r"^const KOOP\(\w+\) KOOP\(\w+\) = \{.*?\};", re.M | re.S)
@@ -149,7 +149,7 @@ def expanded(text, macros, private, unit):
     def names(piece):
         if piece.startswith('"'):
             return piece
-        piece = re.sub(r"\bKOOP\((\w+)\)", rf"{prefix}_\1", piece)
+        piece = re.sub(r"\bKOOP\(([\w#]+)\)", rf"{prefix}_\1", piece)
         return re.sub(rf"(?<![.>\w])({'|'.join(private)})\(", rf"{unit}_\1(", piece) if private else piece
 
     def code(piece):

@@ -95,6 +95,9 @@ typedef struct koop_checksum {
  * with any regulator and any check. rls_reals() returns the exact number, which
  * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL.
  *
+ * A regulator with k reals of memory takes 2 KOOP_PAD(k) more, and one that reshapes P as much again as P and
+ * KOOP_PAD(d) + 4 more. So does the gate's storage. The six that are provided have no memory.
+ *
  * Only half of a symmetric or triangular matrix is stored, in tiles of 4 x 4. On processors
  * with vector registers, the P of the plain form is stored in full. */
 #define KOOP_PAD(k) (((size_t)(k) + 3u) / 4u * 4u)
@@ -114,6 +117,16 @@ typedef struct koop_checksum {
 #define KOOP_RLS_REALS_PLAIN(N, m)                                                                           \
 	KOOP_RLS_REALS(N, (size_t)(N) + (m),                                                                     \
 	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
+
+/* The regulators, which tools and tests list: X(name) for each. To add one takes this line and the file
+ * lib/src/regulator_NAME.c, included in lib/src/all.h.
+ *   none   lambda = 1: ordinary recursive least squares
+ *   ef     exponential forgetting: vanilla in the paper, eq. (4)
+ *   dz_cs  P is frozen while the innovation is <= delta: paper, "Error Dead-Zone Gating"
+ *   dz_ks  P and Theta are frozen then: the comparison method of the paper
+ *   ct     P is scaled to the trace tau0: paper, "Constant-Trace Normalization"
+ *   sift   forgets along zeta only: paper, "Subspace-of-Information Forgetting" */
+#define KOOP_REGULATORS(X) X(none) X(ef) X(dz_cs) X(dz_ks) X(ct) X(sift)
 
 /* Number of reals of a gate's storage, for N lifted states and m inputs, by the form of P. */
 #define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 3u * (size_t)(N))
@@ -163,7 +176,7 @@ enum {
 #define KOOPD_MODEL_BYTES(N, m) (KOOP_MODEL_HEADER_BYTES + 8u * (N) * ((N) + (m)))
 
 /* Number of bytes of a model that model_save_covariance() writes. The plain form with a regulator that needs
- * P^-1 (SIFt) takes KOOP_MODEL_TRIANGLE(d) reals more. */
+ * P^-1 (SIFt) takes KOOP_MODEL_TRIANGLE(d) reals more, and a regulator with memory takes the reals of that. */
 #define KOOP_MODEL_TRIANGLE(d) ((d) * ((d) + 1u) / 2u)
 #define KOOPF_MODEL_BYTES_P(N, m) (KOOPF_MODEL_BYTES(N, m) + 4u * KOOP_MODEL_TRIANGLE((N) + (m)))
 #define KOOPD_MODEL_BYTES_P(N, m) (KOOPD_MODEL_BYTES(N, m) + 8u * KOOP_MODEL_TRIANGLE((N) + (m)))

@@ -58,39 +58,109 @@ int KOOP(lift)(const KOOP(dictionary) *dictionary, const KOOP_REAL *x, KOOP_REAL
 /* ---- Regulator: how a sample changes Theta and P -------------------------- */
 
 struct KOOP(rls);
+struct KOOP(config);
 
 /* How one sample changes Theta and P (paper, eq. (4), with the modifications of its section
  * "Robust Covariance-Regulated Modifications"):
  *
  *     g = (P + inflate zeta zeta') zeta,   s = zeta' g
- *     Theta += error g' / (noise + s)                          if update_theta
+ *     Theta += weight error g' / (noise + s)                   if update_theta
  *     P = (P + inflate zeta zeta' - g g' / (noise + s)) scale  if update_covariance
- */
+ *
+ * A forgetting factor that changes with every sample is noise = lambda, scale = 1 / lambda. A negative noise
+ * with noise + s < 0, and inflate = 0, adds to P along g, as directional forgetting does (Kulhavy and Karny, 1984); `weight`
+ * then makes up for the other denominator of Theta. */
 typedef struct KOOP(step) {
-	KOOP_REAL noise;   /* lambda, or 1 if `inflate` does the forgetting */
-	KOOP_REAL scale;   /* 1 / lambda for exponential forgetting, else 1 */
-	KOOP_REAL inflate; /* SIFt: (1 - lambda) / (lambda zeta' P^-1 zeta); else 0 */
+	KOOP_REAL noise;   /* lambda, or 1 if `inflate` does the forgetting; not 0 */
+	KOOP_REAL scale;   /* > 0: 1 / lambda for exponential forgetting, else 1 */
+	KOOP_REAL inflate; /* >= 0; SIFt: (1 - lambda) / (lambda zeta' P^-1 zeta); else 0 */
+	KOOP_REAL deflate; /* with needs_information: P^-1 loses deflate (P^-1 zeta)(P^-1 zeta)', and gains zeta zeta' */
 	KOOP_REAL trace;   /* the trace to which P is scaled at the end; 0: P is not scaled */
+	KOOP_REAL weight;  /* factor on the change of Theta, >= 0; 1 */
 	int update_theta;      /* 0: Theta stays as it is */
 	int update_covariance; /* 0: P stays as it is */
 } KOOP(step);
 
-/* A regulator decides how each sample changes Theta and P. To define your own, fill this struct. */
+/* A setting of a regulator. All fields of the struct of its settings are reals, in the order of its list. */
+typedef struct KOOP(setting) {
+	const char *name;    /* that of the field */
+	KOOP_REAL low, high; /* smallest and largest accepted value, finite */
+} KOOP(setting);
+
+/* The part of the library that serves extensions; it is not linked without one. The fields are private. */
+typedef struct KOOP(engine) {
+	size_t (*reals)(struct KOOP(rls) *rls);
+	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
+	int (*learn)(struct KOOP(rls) *rls, KOOP_REAL innovation, int *frozen);
+	int (*adjust)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step, int *frozen);
+	int (*reshape)(struct KOOP(rls) *rls);
+} KOOP(engine);
+
+extern const KOOP(engine) KOOP(reg_engine);
+
+/* What a regulator may have besides `decide`: a memory, a decision that needs zeta' P zeta, and further changes of
+ * P. All but `engine` may be null.
+ *
+ * rls->memory is the regulator's own part of the estimator's storage. It is kept from sample to sample, copied
+ * with the learned model, saved with P, and covered by the checksum. `decide`, `adjust` and `reshape` may write to
+ * it freely: if the sample is refused in the end, it is as it was before, bit for bit. A counter is exact up to
+ * 2^24 in float. */
+typedef struct KOOP(extension) {
+	const KOOP(engine) *engine; /* &koopf_reg_engine or &koopd_reg_engine */
+	/* Number of reals of memory. Of `rls`, the configuration and the sizes are known. */
+	size_t (*reals)(const struct KOOP(rls) *rls);
+	/* P becomes p0 I, at the start or by a reset: fills the memory, which comes in as 0. */
+	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
+	/* Changes `step` when s = zeta' P zeta is known and rls->gain is P zeta (d), unless `decide` has left both Theta
+	 * and P as they are. Of the work vectors, only the third (work + 2 n_regressors_padded) may be overwritten. */
+	int (*adjust)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step);
+	/* Changes P further after `step`, by rls_add_information(), rls_add_covariance(), rls_scale_covariance() and
+	 * form->reset(), as many times as needed; zeta is lost with the first. The storage holds a copy of P, in case
+	 * the sample is refused. Not with needs_information: these calls do not maintain P^-1. */
+	int (*reshape)(struct KOOP(rls) *rls);
+} KOOP(extension);
+
+/* A regulator decides how each sample changes Theta and P. To define your own, fill this struct by field names;
+ * examples/own_regulator.c does. Only `name` and `decide` are required.
+ *
+ * During a sample, rls->config.settings points to the settings, rls->zeta is the regressor (d), and rls->error the
+ * innovation psi_next - Theta zeta (N). Both are zero in the padding. */
 typedef struct KOOP(regulator) {
-	const char *name;
-	int needs_information; /* 1: the plain form stores P^-1 too */
-	/* Sets `step` for this sample. `step` comes in as exponential forgetting; `innovation` is the norm
-	 * |psi_next - Theta zeta|; rls->zeta is the regressor. A status other than KOOP_OK refuses the sample. */
+	const char *name;      /* as on command lines */
+	int needs_information; /* 1: the plain form stores P^-1 too, for form->information() */
+	/* Sets `step` for this sample, before P zeta is known. `step` comes in as exponential forgetting; `innovation`
+	 * is the norm |psi_next - Theta zeta|. The work vectors may be overwritten, as by form->diagonal(). A status
+	 * other than KOOP_OK, of this call and of those below, refuses the sample. */
 	int (*decide)(struct KOOP(rls) *rls, KOOP_REAL innovation, KOOP(step) *step);
 	int forgets; /* 1: forgets exponentially in all directions: the memory is 1 / (1 - lambda) samples */
+	const KOOP(setting) *settings; /* n_settings of them */
+	size_t n_settings;
+	const void *defaults; /* struct of settings for config.settings = null; required if there are settings */
+	/* Checks what the ranges of the settings cannot, KOOP_OK or KOOP_E_RANGE, and may set rls->nominal_trace, which
+	 * comes in as p0 d. Of `rls`, the configuration and the sizes are known. May be null. */
+	int (*check)(struct KOOP(rls) *rls);
+	const KOOP(extension) *extension; /* memory and further calls; null: none */
 } KOOP(regulator);
 
-extern const KOOP(regulator) KOOP(reg_none);  /* lambda = 1: ordinary recursive least squares */
-extern const KOOP(regulator) KOOP(reg_ef);    /* exponential forgetting: vanilla in the paper, eq. (4) */
-extern const KOOP(regulator) KOOP(reg_dz_cs); /* P is frozen while the innovation is <= delta: "Error Dead-Zone Gating" */
-extern const KOOP(regulator) KOOP(reg_dz_ks); /* P and Theta are frozen then: the comparison method of the paper */
-extern const KOOP(regulator) KOOP(reg_ct);    /* P is scaled to the trace tau0: "Constant-Trace Normalization" */
-extern const KOOP(regulator) KOOP(reg_sift);  /* forgets along zeta only: "Subspace-of-Information Forgetting" */
+/* The regulators are those of the list KOOP_REGULATORS in tinykoop.h, each as reg_ and its name. */
+#define KOOP_DECLARE(name) extern const KOOP(regulator) KOOP(reg_##name);
+KOOP_REGULATORS(KOOP_DECLARE)
+#undef KOOP_DECLARE
+
+/* Settings of dz_cs and dz_ks. */
+typedef struct KOOP(dead_zone) {
+	KOOP_REAL delta; /* threshold of the innovation's norm, >= 0, finite, in units of psi; by default 0.01 */
+} KOOP(dead_zone);
+
+/* Settings of ct. */
+typedef struct KOOP(constant_trace) {
+	KOOP_REAL tau0; /* the trace, > 0, below an eighth of the largest real; 0, the default: p0 d */
+} KOOP(constant_trace);
+
+/* Settings of sift. */
+typedef struct KOOP(information_floor) {
+	KOOP_REAL eps_sift; /* min zeta' zeta that carries information, finite, >= 0; by default 1e-10. 0: no min */
+} KOOP(information_floor);
 
 /* ---- Form: how P is stored ------------------------------------------------- */
 
@@ -106,7 +176,7 @@ typedef struct KOOP(form) {
 	/* Returns zeta' P^-1 zeta. */
 	KOOP_REAL (*information)(struct KOOP(rls) *rls);
 	/* Updates P according to `step`, or returns a status and leaves P as it was. On entry rls->gain is
-	 * g / denominator, and denominator = noise + s. */
+	 * g / denominator, and denominator = noise + s. It is negative only if `noise` is, and P then grows. */
 	int (*apply)(struct KOOP(rls) *rls, const KOOP(step) *step, KOOP_REAL denominator);
 	/* Returns element (i, j) of P. */
 	KOOP_REAL (*element)(const struct KOOP(rls) *rls, size_t i, size_t j);
@@ -135,12 +205,10 @@ typedef struct KOOP(config) {
 	const KOOP(dictionary) *dictionary;
 	size_t n_inputs; /* m >= 1, N + m <= KOOP_MAX_DIM */
 	const KOOP(regulator) *regulator;
+	const void *settings; /* of the regulator, in its own struct, as koopf_dead_zone for dz_cs; null: the defaults */
 	const KOOP(form) *form;
 	KOOP_REAL lambda;   /* forgetting factor, 0 < lambda <= 1; the regulator `none` ignores it */
 	KOOP_REAL p0;       /* initial covariance P = p0 I, p0 >= FLT_MIN or DBL_MIN; a large p0 trusts the samples */
-	KOOP_REAL delta;    /* dead zones: threshold of the innovation's norm, >= 0, finite, in units of psi */
-	KOOP_REAL tau0;     /* constant trace: the trace, > 0, below an eighth of the largest real; 0: p0 d */
-	KOOP_REAL eps_sift; /* SIFt: min zeta' zeta that carries information, > 0, finite; 0: 1e-10 */
 	int check;          /* KOOP_CHECK_REFUSE, KOOP_CHECK_REPORT or KOOP_CHECK_DIAGONAL */
 	int checksum;       /* 1: every update verifies and renews a checksum of Theta and P; 0: no checksum */
 } KOOP(config);
@@ -154,7 +222,7 @@ typedef struct KOOP(health) {
 	int positive_definite;  /* 0: P is not positive definite, or the sample was refused because P would not be */
 	int finite;             /* 0: the sample or the result was not finite, and the sample was refused */
 	int short_memory;       /* 1: 1 / (1 - lambda) samples are fewer than the d unknowns of a row of Theta */
-	int winding_up;         /* 1: the trace of P is more than 100 times its initial value (tau0) */
+	int winding_up;         /* 1: the trace of P is more than 100 times its initial value (with ct: tau0) */
 } KOOP(health);
 
 /* The estimator. The caller owns it and its storage. Treat the fields as private unless you write a
@@ -168,11 +236,15 @@ typedef struct KOOP(rls) {
 	size_t n_regressors_padded; /* the vectors below are this long */
 	size_t kept;                /* reals that represent the learned model, from theta on */
 	KOOP_REAL *theta;           /* Theta', d rows of n_lifted_padded, zero in the padding */
+	KOOP_REAL *memory;          /* the regulator's memory */
 	KOOP_REAL *covariance;      /* the form's representation of P */
 	KOOP_REAL *zeta;            /* scratch: regressor, d */
 	KOOP_REAL *gain;            /* scratch: P zeta, then the gain K, d */
 	KOOP_REAL *work;            /* scratch: three of d */
 	KOOP_REAL *error;           /* scratch: innovation, N */
+	KOOP_REAL *undo;            /* scratch: what a refused sample gives back */
+	size_t n_memory;            /* reals of memory */
+	size_t n_undo;              /* reals from `memory` on that a sample may change before it is refused */
 	KOOP_REAL gain_square;      /* scratch: K' K */
 	KOOP_REAL covariance_scale; /* plain form: P is this times the stored matrix */
 	KOOP_REAL theta_bound;      /* >= every |element| of theta */
@@ -180,7 +252,8 @@ typedef struct KOOP(rls) {
 	int positive_definite;      /* 0: P is known not to be positive definite */
 	size_t mirrored;            /* plain form: the row that was made symmetric last */
 	int short_memory;           /* as in the health: a warning, known after rls_init() */
-	koop_checksum sum;          /* of theta, the stored P, and the three numbers above */
+	KOOP_REAL nominal_trace;    /* of P, for the health's winding_up: p0 d, or as the regulator has set it */
+	koop_checksum sum;          /* of theta, memory, the stored P, covariance_scale and the two bounds */
 	size_t repaired;            /* number of flipped bits that were found and repaired */
 } KOOP(rls);
 
@@ -188,8 +261,8 @@ typedef struct KOOP(rls) {
  * KOOP_E_SIZE: n, N or m is out of range. KOOP_E_RANGE: another setting is. */
 int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals);
 
-/* Starts an estimator with Theta = 0 and P = p0 I. `storage` (`reals` reals, KOOP_RLS_REALS_SQRT or
- * KOOP_RLS_REALS_PLAIN suffice) must outlive `rls`; its content does not matter. `config` is copied.
+/* Starts an estimator with Theta = 0 and P = p0 I. `storage` (`reals` reals; KOOP_RLS_REALS_SQRT or
+ * KOOP_RLS_REALS_PLAIN suffice for a regulator without memory) must outlive `rls`; its content does not matter. `config` is copied.
  * KOOP_E_SIZE, KOOP_E_RANGE: as rls_reals(). KOOP_E_STORAGE: `reals` is too small. */
 int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storage, size_t reals);
 
@@ -214,7 +287,7 @@ int KOOP(rls_check)(KOOP(rls) *rls);
  * KOOP_E_INPUT: psi or u is not finite. KOOP_E_OVERFLOW: the prediction is not finite. */
 int KOOP(rls_predict)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, KOOP_REAL *psi_next);
 
-/* Resets P to p0 I and keeps Theta. KOOP_E_RANGE: p0 is below FLT_MIN or DBL_MIN, or above half of the largest
+/* Resets P to p0 I and the regulator's memory to its start, and keeps Theta. KOOP_E_RANGE: p0 is below FLT_MIN or DBL_MIN, or above half of the largest
  * real. Do not call it while the model controls the robot: with a large P a few samples change the model
  * entirely. */
 int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
@@ -228,6 +301,17 @@ int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 /* Sets Theta from that of another estimator of the same sizes, and keeps P. `theta` has the layout of rls.theta.
  * KOOP_E_INPUT: an element is not finite. */
 int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
+
+/* For the `reshape` of a regulator: P^-1 += a v v', P += a v v', P *= factor, with a > 0, factor > 0 and
+ * d finite values v, which may be in rls->memory but not in a work vector. They overwrite rls->zeta and rls->gain.
+ *
+ * A refusal leaves P as it was. KOOP_E_RANGE: a or factor is not > 0. KOOP_E_OVERFLOW, KOOP_E_INDEFINITE: as
+ * rls_update(). P = keep P + p I takes one rls_scale_covariance() and d times rls_add_covariance() with the unit
+ * vectors; a term of P^-1 along one unit vector per sample is cyclic resetting (Lai and Bernstein, 2024). The
+ * caller's checksum is not renewed: call them from `reshape` only. */
+int KOOP(rls_add_information)(KOOP(rls) *rls, const KOOP_REAL *v, KOOP_REAL a);
+int KOOP(rls_add_covariance)(KOOP(rls) *rls, const KOOP_REAL *v, KOOP_REAL a);
+int KOOP(rls_scale_covariance)(KOOP(rls) *rls, KOOP_REAL factor);
 
 /* Copies P out, d rows of d. KOOP_E_OVERFLOW: an element of P does not fit this precision, and is written as
  * infinity. This can occur in the square-root form, whose root still fits. */

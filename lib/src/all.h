@@ -25,6 +25,7 @@
 #include "form_sqrt.c"
 
 #include "rls.c"
+#include "extension.c"
 #include "gate.c"
 #include "threshold.c"
 #include "lowpass.c"

@@ -136,7 +136,7 @@ static GLUE void plain_set_scale(KOOP(rls) *rls, real scale, real bound) {
 static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
 	const size_t rows = rls->n_regressors_padded;
 	const KOOP(change) dual = {rls->work, rls->zeta, -1};
-	scaled(rls->work, MATH(sqrt)(step->inflate * rls->config.lambda), rls->work, rows);
+	scaled(rls->work, MATH(sqrt)(step->deflate), rls->work, rows);
 	change_all(&dual, plain_inverse(rls), rows);
 }
 

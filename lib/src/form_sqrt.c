@@ -126,18 +126,22 @@ static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real d
 static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded, size = KOOP_TRIANGLE(d);
 	real *S = rls->covariance, *f = rls->work, *b = rls->work + rows, *up = rls->work + 2 * rows;
-	const real root_inflate = MATH(sqrt)(step->inflate);
-	const real growth = step->inflate > 0 ? root_inflate * max_abs(rls->zeta, d) : 0;
+	/* with a negative denominator P grows along the gain, and nothing is left to subtract */
+	const int grows = denominator < 0;
+	const real *along = grows ? rls->gain : rls->zeta;
+	const real root = MATH(sqrt)(grows ? -denominator : step->inflate);
+	const real growth = root > 0 ? root * max_abs(along, d) : 0;
 	real bound;
 	const int status = sqrt_limits(rls, step, denominator, growth, &bound);
 	if (status != KOOP_OK) { return status; }
 
-	if (step->inflate > 0) {
-		scaled(up, root_inflate, rls->zeta, rows);
+	if (root > 0) {
+		scaled(up, root, along, rows);
 		sqrt_add(rls, up);
 		sqrt_project(rls);
 	}
-	carlson(S, f, b, step->noise, MATH(sqrt)(step->scale), d);
+	if (grows) { scaled(f, 0, f, rows); }
+	carlson(S, f, b, grows ? 1 : step->noise, MATH(sqrt)(step->scale), d);
 	if (step->trace > 0) {
 		scaled(S, MATH(sqrt)(step->trace / dot(S, S, size)), S, size);
 		bound = MATH(sqrt)(step->trace) * 2;

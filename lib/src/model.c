@@ -4,7 +4,8 @@
  *    16  hash of the dictionary's name, and with P of the form's      20  CRC-32 of all other bytes
  *
  * P is stored as its form represents it: a lower triangle by rows, of P or of its square root. The plain form
- * adds a triangle of P^-1 if the regulator needs it.
+ * adds a triangle of P^-1 if the regulator needs it. Behind P comes the regulator's memory, if it has one;
+ * the hash is then of the regulator's name too.
  *
  * Format 1 has Theta in the byte order of the machine that wrote it, and does not record that order. It is
  * read if only one order gives numbers of plausible magnitude. */
@@ -48,9 +49,16 @@ static COLD uint32_t hash_name(uint32_t hash, const char *name) {
 	return crc32(hash, (const unsigned char *)name, strlen(name));
 }
 
+/* Hash of the names on which the layout depends. */
+static COLD uint32_t hash_names(const KOOP(rls) *rls, size_t triangles) {
+	uint32_t hash = hash_name(0, rls->config.dictionary->name);
+	if (triangles > 0) { hash = hash_name(hash, rls->config.form->name); }
+	if (triangles > 0 && rls->n_memory > 0) { hash = hash_name(hash, rls->config.regulator->name); }
+	return hash;
+}
+
 static COLD void model_header(const KOOP(rls) *rls, unsigned format, size_t triangles,
                               unsigned char *header) {
-	const uint32_t dictionary = hash_name(0, rls->config.dictionary->name);
 	(void)memcpy(header, "KOOP", 4);
 	put(header + 4, (REAL_BITS)format, 2);
 	put(header + 6, sizeof(real), 2);
@@ -58,12 +66,13 @@ static COLD void model_header(const KOOP(rls) *rls, unsigned format, size_t tria
 	put(header + 10, (REAL_BITS)rls->config.n_inputs, 2);
 	put(header + 12, (REAL_BITS)rls->config.dictionary->n_states, 2);
 	put(header + 14, (REAL_BITS)triangles, 2);
-	put(header + 16, triangles > 0 ? hash_name(dictionary, rls->config.form->name) : dictionary, 4);
+	put(header + 16, hash_names(rls, triangles), 4);
 }
 
 static COLD size_t model_bytes(const KOOP(rls) *rls, size_t triangles) {
-	const size_t d = rls->n_regressors;
-	return KOOP_MODEL_HEADER_BYTES + sizeof(real) * (rls->n_lifted * d + triangles * (d * (d + 1) / 2));
+	const size_t d = rls->n_regressors, memory = triangles > 0 ? rls->n_memory : 0;
+	return KOOP_MODEL_HEADER_BYTES +
+	       sizeof(real) * (rls->n_lifted * d + triangles * (d * (d + 1) / 2) + memory);
 }
 
 static COLD uint32_t model_checksum(const unsigned char *model, size_t size) {
@@ -91,6 +100,7 @@ static COLD int save(const KOOP(rls) *rls, size_t triangles, void *bytes, size_t
 			for (size_t j = 0; j <= i; j++) { at = put_real(at, rls->config.form->get(rls, t, i, j)); }
 		}
 	}
+	for (size_t i = 0; triangles > 0 && i < rls->n_memory; i++) { at = put_real(at, rls->memory[i]); }
 	put(model + 20, model_checksum(model, model_bytes(rls, triangles)), 4);
 	return KOOP_OK;
 }
@@ -184,6 +194,7 @@ static COLD void load_covariance(KOOP(rls) *rls, size_t triangles, const unsigne
 			}
 		}
 	}
+	for (size_t i = 0; i < rls->n_memory; i++, at += sizeof(real)) { rls->memory[i] = get_real(at, 0); }
 	rls->covariance_bound = largest * MATH(sqrt)((real)rls->n_regressors);
 	rls->positive_definite = 1;
 }

@@ -1,48 +1,62 @@
 /* Recursive least squares on lifted snapshots. Paper, eq. (4). */
 
-/* The trace that constant trace keeps. */
-static COLD real target_trace(const KOOP(config) *c) {
-	return c->tau0 > 0 ? c->tau0 : c->p0 * (real)(c->dictionary->n_lifted + c->n_inputs);
-}
-
 static COLD int choices_in_range(const KOOP(config) *c) {
 	const int check = c->check >= KOOP_CHECK_REFUSE && c->check <= KOOP_CHECK_DIAGONAL;
 	return check && (c->checksum == 0 || c->checksum == 1);
 }
 
-static COLD int settings_in_range(const KOOP(config) *c) {
+static COLD int numbers_in_range(const KOOP(config) *c) {
 	const int forgetting = c->lambda > 0 && c->lambda <= 1;
-	const int covariance =
-	    is_within(c->p0, REAL_MIN, REAL_MAX / 2) && c->tau0 >= 0 && target_trace(c) < REAL_MAX / 8;
-	const int thresholds = is_nonnegative(c->delta) && is_nonnegative(c->eps_sift);
-	return forgetting && covariance && thresholds && choices_in_range(c);
+	return forgetting && is_within(c->p0, REAL_MIN, REAL_MAX / 2) && choices_in_range(c);
+}
+
+/* ---- The regulator's settings and memory ----------------------------------------- */
+
+static COLD const void *settings_of(const KOOP(config) *c) {
+	return c->settings ? c->settings : c->regulator->defaults;
+}
+
+static COLD int settings_in_range(const KOOP(regulator) *regulator, const real *value) {
+	int in_range = 1;
+	for (size_t i = 0; i < regulator->n_settings; i++) {
+		const KOOP(setting) *s = &regulator->settings[i];
+		in_range &= value[i] >= s->low && value[i] <= s->high; /* NaN is not */
+	}
+	return in_range;
 }
 
 static COLD int config_check(const KOOP(config) *c) {
 	if (!c || !c->regulator || !c->regulator->decide || !c->form) { return KOOP_E_NULL; }
 	const int status = dictionary_check(c->dictionary);
 	if (status != KOOP_OK) { return status; }
-	if (c->n_inputs < 1 || c->n_inputs > KOOP_MAX_DIM - c->dictionary->n_lifted) { return KOOP_E_SIZE; }
-	return settings_in_range(c) ? KOOP_OK : KOOP_E_RANGE;
+	/* an n_inputs of 0 wraps to the largest number */
+	if (c->n_inputs - 1 >= KOOP_MAX_DIM - c->dictionary->n_lifted) { return KOOP_E_SIZE; }
+	if (c->regulator->n_settings > 0 && !settings_of(c)) { return KOOP_E_NULL; }
+	if (!numbers_in_range(c)) { return KOOP_E_RANGE; }
+	return settings_in_range(c->regulator, (const real *)settings_of(c)) ? KOOP_OK : KOOP_E_RANGE;
 }
 
-/* Copies the configuration; returns the number of reals of storage that it needs. */
-static COLD size_t configure(KOOP(rls) *rls, const KOOP(config) *c) {
+/* Copies the configuration, which has been checked, and finds the number of reals of storage that it needs. */
+static COLD int configure(KOOP(rls) *rls, const KOOP(config) *c, size_t *reals) {
+	const KOOP(regulator) *regulator = c->regulator;
 	rls->config = *c;
+	rls->config.settings = settings_of(c);
 	rls->n_lifted = c->dictionary->n_lifted;
 	rls->n_regressors = rls->n_lifted + c->n_inputs;
 	rls->n_lifted_padded = KOOP_PAD(rls->n_lifted);
 	rls->n_regressors_padded = KOOP_PAD(rls->n_regressors);
-	return KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, c->form->reals(rls));
+	rls->nominal_trace = c->p0 * (real)rls->n_regressors;
+	rls->n_memory = 0;
+	*reals = KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, c->form->reals(rls));
+	if (regulator->extension) { *reals += regulator->extension->engine->reals(rls); }
+	return regulator->check ? regulator->check(rls) : KOOP_OK;
 }
 
 COLD int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
 	KOOP(rls) rls;
 	const int status = config_check(config);
 	if (status != KOOP_OK) { return status; }
-	if (!reals) { return KOOP_E_NULL; }
-	*reals = configure(&rls, config);
-	return KOOP_OK;
+	return reals ? configure(&rls, config, reals) : KOOP_E_NULL;
 }
 
 /* Returns 1 if the memory, 1 / (1 - lambda) samples, is shorter than the number of unknowns in a row of
@@ -116,6 +130,14 @@ COLD int KOOP(rls_check)(KOOP(rls) *rls) {
 
 /* ---- Start ---------------------------------------------------------------------- */
 
+/* P = p0 I, and the regulator starts again. */
+static COLD void reset_covariance(KOOP(rls) *rls, real p0) {
+	rls->config.form->reset(rls, p0);
+	rls->positive_definite = 1;
+	const KOOP(extension) *extension = rls->config.regulator->extension;
+	if (extension) { extension->engine->reset(rls, p0); }
+}
+
 COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
 	size_t needed;
 	const int status = KOOP(rls_reals)(config, &needed);
@@ -123,24 +145,23 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	if (!rls || !storage) { return KOOP_E_NULL; }
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	(void)configure(rls, config);
+	(void)configure(rls, config, &needed);
 	const size_t rows = rls->n_regressors_padded;
-	rls->config.tau0 = target_trace(config);
-	if (!(rls->config.eps_sift > 0)) { rls->config.eps_sift = (real)1e-10; }
 
 	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
 	rls->theta = storage;
-	rls->covariance = rls->theta + KOOP_EVEN(rls->n_regressors) * rls->n_lifted_padded;
+	rls->memory = rls->theta + KOOP_EVEN(rls->n_regressors) * rls->n_lifted_padded;
+	rls->covariance = rls->memory + KOOP_PAD(rls->n_memory);
 	rls->zeta = rls->covariance + rls->config.form->reals(rls);
 	rls->kept = (size_t)(rls->zeta - rls->theta);
 	if (rls->config.form->scratch) { rls->kept -= rls->config.form->scratch(rls); }
 	rls->gain = rls->zeta + rows;
 	rls->work = rls->gain + rows;
 	rls->error = rls->work + 3 * rows;
+	rls->undo = rls->error + rls->n_lifted_padded;
 	rls->theta_bound = 0;
 	rls->covariance_scale = 1;
-	rls->config.form->reset(rls, rls->config.p0);
-	rls->positive_definite = 1;
+	reset_covariance(rls, rls->config.p0);
 	rls->short_memory = memory_is_short(&rls->config);
 	rls->repaired = 0;
 	seal(rls);
@@ -149,7 +170,8 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 
 /* Returns 1 if two estimators have the same layout of storage. */
 static int same_kind(const KOOP(rls) *a, const KOOP(rls) *b) {
-	const int sizes = a->n_lifted == b->n_lifted && a->n_regressors == b->n_regressors;
+	const int sizes =
+	    (a->n_lifted == b->n_lifted) & (a->n_regressors == b->n_regressors) & (a->kept == b->kept);
 	const KOOP(config) *c = &a->config, *d = &b->config;
 	const int forms = c->form == d->form && c->regulator == d->regulator && c->check == d->check;
 	return sizes && (forms & (c->checksum == d->checksum));
@@ -168,8 +190,7 @@ static COLD void copy_learned(KOOP(rls) *rls, const KOOP(rls) *from) {
 COLD int KOOP(rls_reset_covariance)(KOOP(rls) *rls, real p0) {
 	if (!rls || !rls->covariance) { return KOOP_E_NULL; }
 	if (!is_within(p0, REAL_MIN, REAL_MAX / 2)) { return KOOP_E_RANGE; }
-	rls->config.form->reset(rls, p0);
-	rls->positive_definite = 1;
+	reset_covariance(rls, p0);
 	seal(rls);
 	return KOOP_OK;
 }
@@ -189,10 +210,9 @@ GLUE int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real 
 	return KOOP_OK;
 }
 
-/* Writes the gain K to rls->gain, and the denominator to *denominator. */
-static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denominator) {
+/* Writes the denominator noise + s to *denominator, and makes P zeta in rls->gain the gain K. */
+static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real *denominator) {
 	const size_t rows = rls->n_regressors_padded;
-	real s = rls->config.form->gain(rls);
 	if (step->inflate > 0) {
 		const real square = dot(rls->zeta, rls->zeta, rows);
 		for (size_t i = 0; i < rows; i += 4) {
@@ -202,17 +222,21 @@ static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real *denom
 	}
 	*denominator = step->noise + s;
 	if (!(MATH(fabs)(*denominator) < REAL_MAX / 4)) { return KOOP_E_OVERFLOW; }
-	if (!(*denominator > 0) && rls->config.check != KOOP_CHECK_REPORT) { return KOOP_E_INDEFINITE; }
+	/* noise + s has the sign of the noise, unless P is or becomes indefinite; a product could underflow */
+	if (!(*denominator / step->noise > 0) && rls->config.check != KOOP_CHECK_REPORT) {
+		return KOOP_E_INDEFINITE;
+	}
 
 	const real inverse = 1 / *denominator;
 	rls->gain_square = scaled_dot(rls->gain, inverse, rls->gain, rows);
 	return KOOP_OK;
 }
 
-/* Returns 1 if Theta + error K' is finite, and writes the new bound of its elements. */
+/* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
 static GLUE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
                                    real *bound) {
-	const real growth = step->update_theta ? innovation * MATH(sqrt)(rls->gain_square) : 0;
+	const real size = innovation * MATH(sqrt)(rls->gain_square);
+	const real growth = step->update_theta ? size * step->weight : 0;
 	*bound = rls->theta_bound + growth;
 	if (!(*bound < REAL_MAX / 2)) {
 		*bound = max_abs(rls->theta, rls->n_regressors * rls->n_lifted_padded) + growth;
@@ -232,31 +256,40 @@ static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const r
 }
 
 /* Updates Theta and P by the innovation. *frozen: 1 if P stays unchanged. */
-static GLUE int learn(KOOP(rls) *rls, real innovation, int *frozen) {
+static GLUE int change_model(KOOP(rls) *rls, real innovation, int *frozen) {
+	const KOOP(regulator) *regulator = rls->config.regulator;
+	const KOOP(extension) *extension = regulator->extension;
 	const real lambda = rls->config.lambda;
-	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 1, 1};
+	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 0, 1, 1, 1};
 	real denominator, bound;
 
-	int status = rls->config.regulator->decide(rls, innovation, &step);
+	int status = regulator->decide(rls, innovation, &step);
 	if (status != KOOP_OK) { return status; }
 	*frozen = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
 
-	status = compute_gain(rls, &step, &denominator);
+	const real s = rls->config.form->gain(rls);
+	if (extension) { status = extension->engine->adjust(rls, s, &step, frozen); }
+	if (status == KOOP_OK) { status = compute_gain(rls, &step, s, &denominator); }
 	if (status != KOOP_OK) { return status; }
 	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
-	if (step.update_covariance) {
-		status = rls->config.form->apply(rls, &step, denominator);
-		if (status != KOOP_OK) { return status; }
-	}
+	if (step.update_covariance) { status = rls->config.form->apply(rls, &step, denominator); }
+	if (status == KOOP_OK && extension) { status = extension->engine->reshape(rls); }
+	if (status != KOOP_OK) { return status; }
 
 	/* nothing can fail from here on */
 	if (step.update_theta) {
-		add_outer(rls->theta, 1, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
+		add_outer(rls->theta, step.weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
 	}
 	rls->theta_bound = bound;
 	seal(rls);
 	return KOOP_OK;
+}
+
+static GLUE int learn(KOOP(rls) *rls, real innovation, int *frozen) {
+	const KOOP(extension) *extension = rls->config.regulator->extension;
+	if (extension) { return extension->engine->learn(rls, innovation, frozen); }
+	return change_model(rls, innovation, frozen);
 }
 
 #define WINDUP_RATIO 100 /* trace over initial trace */
@@ -270,7 +303,7 @@ static void report_diagonal(KOOP(rls) *rls, KOOP(health) *health) {
 		smallest = rls->work[i] < smallest ? rls->work[i] : smallest;
 	}
 	health->trace = trace;
-	health->winding_up = trace > WINDUP_RATIO * rls->config.tau0;
+	health->winding_up = trace > WINDUP_RATIO * rls->nominal_trace;
 	health->min_diagonal = smallest;
 }
 

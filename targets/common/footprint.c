@@ -105,8 +105,8 @@ static void measure_updates(const koopf_dictionary *dictionary) {
 	} forms[] = {{"sqrt", &koopf_form_sqrt, KOOP_CHECK_REFUSE},
 	             {"plain", &koopf_form_plain, KOOP_CHECK_REFUSE},
 	             {"plain-diagonal", &koopf_form_plain, KOOP_CHECK_DIAGONAL}};
-	static const koopf_regulator *const regulators[] = {&koopf_reg_none,  &koopf_reg_ef, &koopf_reg_dz_cs,
-	                                                    &koopf_reg_dz_ks, &koopf_reg_ct, &koopf_reg_sift};
+#define ENTER(name) &koopf_reg_##name,
+	static const koopf_regulator *const regulators[] = {KOOP_REGULATORS(ENTER)};
 	for (size_t f = 0; f < sizeof forms / sizeof *forms; f++) {
 		for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 			must(agent_start(&a, dictionary, regulators[r], forms[f].form, forms[f].check, 0));

@@ -10,14 +10,13 @@ int agent_start(agent *a, const koopf_dictionary *dictionary, const koopf_regula
 	static const float Q[STATES * STATES] = {20, 0, 0, 0, 20, 0, 0, 0, 3};
 	static const float R[INPUTS * INPUTS] = {0.05f, 0, 0, 0.08f};
 	static const float u_min[INPUTS] = {0, -1.2f}, u_max[INPUTS] = {3.5f, 1.2f}, u_safe[INPUTS] = {0, 0};
-	const koopf_config config = {
+	const koopf_config config = { /* the regulator has its default settings */
 	    .dictionary = dictionary,
 	    .n_inputs = INPUTS,
 	    .regulator = regulator,
 	    .form = form,
 	    .lambda = 0.98f,
 	    .p0 = 100,
-	    .delta = 0.01f,
 	    .check = check,
 	};
 	const koopf_mpc_config control = {

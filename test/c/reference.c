@@ -6,9 +6,9 @@ void reference_start(reference *r, const estimator *e) {
 	r->d = r->N + e->config.n_inputs;
 	r->regulator = e->config.regulator->name;
 	r->lambda = strcmp(r->regulator, "none") == 0 ? 1 : (wide)e->config.lambda;
-	r->delta = (wide)e->config.delta;
-	r->tau0 = e->config.tau0 > 0 ? (wide)e->config.tau0 : (wide)e->config.p0 * (wide)r->d;
-	r->eps_sift = e->config.eps_sift > 0 ? (wide)e->config.eps_sift : (wide)1e-10L;
+	r->delta = (wide)e->dead_zone.delta;
+	r->tau0 = e->trace.tau0 > 0 ? (wide)e->trace.tau0 : (wide)e->config.p0 * (wide)r->d;
+	r->eps_sift = (wide)e->floor.eps_sift;
 	for (size_t i = 0; i < r->d; i++) {
 		r->P[i * r->d + i] = (wide)e->config.p0;
 		r->R[i * r->d + i] = 1 / (wide)e->config.p0;

@@ -55,12 +55,21 @@ void random_fill(random_source *source, real *x, size_t count, double low, doubl
 
 /* ---- Estimators ---------------------------------------------------------------- */
 
-const KOOP(regulator) *const all_regulators[REGULATORS] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
-                                                           &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
+#define ENTER(name) &KOOP(reg_##name),
+const KOOP(regulator) *const all_regulators[REGULATORS] = {KOOP_REGULATORS(ENTER)};
 const KOOP(form) *const all_forms[FORMS] = {&KOOP(form_plain), &KOOP(form_sqrt)};
 
 static void lift_identity(const KOOP(dictionary) *self, const real *x, real *psi) {
 	for (size_t i = 0; i < self->n_lifted; i++) { psi[i] = x[i]; }
+}
+
+/* The settings that the estimator's regulator has; null: its defaults. */
+static const void *settings_of(const estimator *e) {
+	const KOOP(regulator) *regulator = e->config.regulator;
+	const char *first = regulator && regulator->n_settings > 0 ? regulator->settings[0].name : "";
+	if (strcmp(first, "delta") == 0) { return &e->dead_zone; }
+	if (strcmp(first, "tau0") == 0) { return &e->trace; }
+	return strcmp(first, "eps_sift") == 0 ? &e->floor : NULL;
 }
 
 void estimator_settings(estimator *e, size_t N, size_t m, const KOOP(regulator) *regulator,
@@ -78,11 +87,14 @@ void estimator_settings(estimator *e, size_t N, size_t m, const KOOP(regulator) 
 	e->config.form = form;
 	e->config.lambda = (real)0.95;
 	e->config.p0 = 10;
-	e->config.delta = (real)0.1;
+	e->dead_zone.delta = (real)0.1;
+	e->floor.eps_sift = (real)1e-10;
 	e->config.check = KOOP_CHECK_REFUSE;
+	e->config.settings = settings_of(e);
 }
 
 void estimator_start(estimator *e) {
+	e->config.settings = settings_of(e);
 	CHECK_STATUS(KOOP_OK,
 	             KOOP(rls_init)(&e->rls, &e->config, e->storage, sizeof e->storage / sizeof e->storage[0]));
 }

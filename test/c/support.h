@@ -38,7 +38,8 @@ void random_fill(random_source *source, real *x, size_t count, double low, doubl
 #define MAX_M 3
 #define MAX_D (MAX_N + MAX_M)
 
-enum { REGULATORS = 6, FORMS = 2 };
+#define COUNT_REGULATOR(name) +1
+enum { REGULATORS = 0 KOOP_REGULATORS(COUNT_REGULATOR), FORMS = 2 };
 extern const KOOP(regulator) *const all_regulators[REGULATORS];
 extern const KOOP(form) *const all_forms[FORMS];
 
@@ -47,6 +48,9 @@ extern const KOOP(form) *const all_forms[FORMS];
 typedef struct {
 	KOOP(dictionary) dictionary;
 	KOOP(config) config;
+	KOOP(dead_zone) dead_zone; /* settings of the regulators that have these */
+	KOOP(constant_trace) trace;
+	KOOP(information_floor) floor;
 	KOOP(rls) rls;
 	real storage[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M)];
 } estimator;

@@ -200,7 +200,7 @@ static void test_plain_form_becomes_symmetric_row_by_row(void) {
 		for (size_t k = 0; k < REGULATORS; k++) {
 			const int matrices = all_regulators[k] == &KOOP(reg_sift) ? 2 : 1;
 			estimator_settings(&e, N, 1 + (N + k) % MAX_M, all_regulators[k], &KOOP(form_plain));
-			e.config.delta = 0; /* no sample is gated */
+			e.dead_zone.delta = 0; /* no sample is gated */
 			estimator_start(&e);
 			TEST_ASSERT_EQUAL_size_t(0, e.rls.mirrored);
 			estimator_teach(&e, &random, 3);

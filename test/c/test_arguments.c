@@ -163,7 +163,8 @@ static void test_ranges_of_settings(void) {
 	    {P0, nan, KOOP_E_RANGE},
 	    {P0, inf, KOOP_E_RANGE},
 	    {P0, REAL_MAX, KOOP_E_RANGE},
-	    {P0, REAL_MAX / 4, KOOP_E_RANGE}, /* and so a trace, by default, that is not finite */
+	    {P0, REAL_MAX / 2, KOOP_E_RANGE},
+	    {P0, REAL_MAX / 4, KOOP_OK}, /* the trace is not finite, and no regulator but ct needs it */
 	    {P0, REAL_MIN / 2, KOOP_E_RANGE},
 	    {P0, REAL_MIN, KOOP_OK},
 	    {P0, (real)1e6, KOOP_OK},
@@ -184,8 +185,11 @@ static void test_ranges_of_settings(void) {
 	};
 	for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
 		fresh_settings();
-		real *const fields[] = {&e.config.lambda, &e.config.p0, &e.config.delta, &e.config.tau0,
-		                        &e.config.eps_sift};
+		static const KOOP(regulator) *const owners[] = {&KOOP(reg_ef), &KOOP(reg_ef), &KOOP(reg_dz_ks),
+		                                                &KOOP(reg_ct), &KOOP(reg_sift)};
+		real *const fields[] = {&e.config.lambda, &e.config.p0, &e.dead_zone.delta, &e.trace.tau0,
+		                        &e.floor.eps_sift};
+		estimator_settings(&e, N, M, owners[cases[i].field], &KOOP(form_plain));
 		*fields[cases[i].field] = cases[i].value;
 		const int status = status_of_settings();
 		CHECK(status == cases[i].status, "field %d = %g: %d", cases[i].field, (double)cases[i].value, status);
@@ -214,7 +218,7 @@ static void test_refused_settings_leave_the_estimator(void) {
 			reals--;
 		}
 		config.lambda = refused == 0 ? 0 : config.lambda;
-		config.p0 = refused == 1 ? REAL_MAX / 4 : config.p0;
+		config.p0 = refused == 1 ? REAL_MAX / 2 : config.p0;
 		CHECK_STATUS(refused == 2 ? KOOP_E_STORAGE : KOOP_E_RANGE,
 		             KOOP(rls_init)(&e.rls, &config, e.storage, reals));
 		TEST_ASSERT_EQUAL_MEMORY(&before, &e, sizeof e);

@@ -216,7 +216,7 @@ static void test_plain_form_does_not_stay_asymmetric(void) {
 	for (size_t r = 0; r < REGULATORS; r++) {
 		for (size_t at = 0; at < D * ROWS; at++) {
 			start(all_regulators[r], &KOOP(form_plain), 0);
-			e.config.delta = 0;
+			e.dead_zone.delta = 0;
 			flip(e.rls.covariance + at, 8 * sizeof(real) - 12);
 			int samples = 0;
 			for (int k = 0; k < 40 && samples < ROWS; k++) {

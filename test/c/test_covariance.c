@@ -68,7 +68,7 @@ static void test_round_off_does_not_pile_up(void) {
 			random_fill(&random, theta_true, N * D, -1, 1);
 			for (int i = 0; i < N * D; i++) { truth[i] = (wide)theta_true[i]; }
 			estimator_settings(&plain, N, M, all_regulators[r], all_forms[f]);
-			plain.config.delta = 0;
+			plain.dead_zone.delta = 0;
 			estimator_start(&plain);
 			double worst = 0;
 			for (int k = 0; k < STEPS; k++) {

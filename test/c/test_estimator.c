@@ -247,7 +247,7 @@ static void test_health_of_an_accepted_sample(void) {
 
 				const int dead_zone =
 				    e.config.regulator == &KOOP(reg_dz_cs) || e.config.regulator == &KOOP(reg_dz_ks);
-				TEST_ASSERT_EQUAL_INT(dead_zone && health.innovation <= e.config.delta, health.frozen);
+				TEST_ASSERT_EQUAL_INT(dead_zone && health.innovation <= e.dead_zone.delta, health.frozen);
 				TEST_ASSERT_EQUAL_INT(health.frozen, learned_same_covariance(&before, &after, &e));
 				gated_count += health.frozen;
 				if (!dead_zone) { continue; }
@@ -302,12 +302,12 @@ static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
 			random_source random = random_seed(26);
 			estimator_default(&fresh, N, M, all_regulators[r], all_forms[f]);
 			estimator_default(&e, N, M, all_regulators[r], all_forms[f]);
-			e.config.delta = (real)0.01;
+			e.dead_zone.delta = (real)0.01;
 			estimator_teach(&e, &random, 30);
 			e.rls.positive_definite = 0;
 			e.rls.repaired = 5;
 			e.rls.covariance_scale = 3;
-			e.config.delta = fresh.config.delta;
+			e.dead_zone.delta = fresh.dead_zone.delta;
 			estimator_start(&e);
 			TEST_ASSERT_EQUAL_MEMORY(fresh.rls.theta, e.rls.theta, e.rls.kept * sizeof(real));
 			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.theta_bound, &e.rls.theta_bound, sizeof(real));

@@ -40,9 +40,9 @@ static void any_estimator(void) {
 	e.config.check = (int)random_below(&random, 3);
 	e.config.lambda = ANY_OF(1, 0.98, 0.5, 1e-3, (double)REAL_MIN, (double)REAL_MIN / 8);
 	e.config.p0 = ANY_OF(1, 1e3, 1e-6, 1e6, 1e-30, 1e30, (double)REAL_MIN, (double)REAL_MAX / 9000);
-	e.config.tau0 = ANY_OF(0, 1, 1e-6, 1e6, 1e-30, 1e30, (double)REAL_MIN / 8, (double)REAL_MAX / 9);
-	e.config.delta = ANY_OF(0, 0.1, 1e6);
-	e.config.eps_sift = ANY_OF(0, 1e-10, 1, (double)REAL_MIN / 8);
+	e.trace.tau0 = ANY_OF(0, 1, 1e-6, 1e6, 1e-30, 1e30, (double)REAL_MIN / 8, (double)REAL_MAX / 9);
+	e.dead_zone.delta = ANY_OF(0, 0.1, 1e6);
+	e.floor.eps_sift = ANY_OF(1e-20, 1e-10, 1, (double)REAL_MIN / 8);
 	estimator_start(&e);
 }
 

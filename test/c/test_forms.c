@@ -14,7 +14,7 @@ static int decide_as_wanted(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	return KOOP_OK;
 }
 
-static const KOOP(regulator) as_wanted = {"as wanted", 0, decide_as_wanted, 0};
+static const KOOP(regulator) as_wanted = {.name = "as wanted", .decide = decide_as_wanted};
 
 /* What an update should do, and what there was. */
 typedef struct {
@@ -205,7 +205,7 @@ static void random_sample(random_source *random, real *zeta) {
 	const double P = (double)largest_diagonal(), size = decades(random, -1, 0.5) / sqrt(P);
 	random_fill(random, zeta, regressors(), -size, size);
 	if (random_below(random, 3) == 0) { zeta[random_below(random, regressors())] = 0; }
-	wanted = (KOOP(step)){(real)decades(random, -1, 1), 1, 0, 0, 1, 1};
+	wanted = (KOOP(step)){(real)decades(random, -1, 1), 1, 0, 0, 0, 1, 1, 1};
 	const size_t kind = random_below(random, 4), inflated = random_below(random, 2);
 	if (kind == 0) { wanted.scale = (real)pow(2, (double)random_uniform(random, -4, 6)); }
 	if (kind == 1) { wanted.trace = (real)(P * decades(random, -4, 4)); }
@@ -289,7 +289,7 @@ static void begin(const KOOP(form) *form, real p0, size_t N) {
 	e.config.p0 = p0;
 	e.config.check = KOOP_CHECK_DIAGONAL;
 	estimator_start(&e);
-	wanted = (KOOP(step)){1, 1, 0, 0, 1, 1};
+	wanted = (KOOP(step)){1, 1, 0, 0, 0, 1, 1, 1};
 }
 
 static int update(real first, real second) {
@@ -305,7 +305,7 @@ static void test_diagonal_of_the_plain_form_may_be_the_least_number(void) {
 	CHECK_STATUS(KOOP_E_INDEFINITE, update(0, 0));
 	for (int half = 0; half < 2; half++) { /* noise and zeta' P zeta are 2: half of it is left */
 		begin(&KOOP(form_plain), (real)(2 - half) * REAL_MIN, 1);
-		wanted = (KOOP(step)){(real)(2 - half), 4, 0, 0, 1, 1};
+		wanted = (KOOP(step)){(real)(2 - half), 4, 0, 0, 0, 1, 1, 1};
 		CHECK_STATUS(half ? KOOP_E_INDEFINITE : KOOP_OK, update((real)(1 / sqrt((double)REAL_MIN)), 0));
 	}
 }
@@ -364,7 +364,7 @@ static void test_bound_that_is_found_again_is_one_after_the_update(void) {
 	for (int f = 0; f < FORMS; f++) {
 		begin(all_forms[f], 1, 3);
 		e.rls.covariance_bound = REAL_MAX;
-		wanted = (KOOP(step)){1, 4, 9, 0, 1, 1};
+		wanted = (KOOP(step)){1, 4, 9, 0, 0, 1, 1, 1};
 		CHECK_STATUS(KOOP_OK, update(1, 0));
 		/* the root: twice 2, of four elements of 1, and 3; P: 4 times 1, and 9, and 10 10 / (1 + 10) */
 		const wide right = f ? 2 * (2 + 3) : 4 * (1 + 9 + 100 / (wide)11);
@@ -494,7 +494,7 @@ static int check_indefinite(random_source *random, int round) {
 	real zeta[MOST_D];
 	const double size = 1 / sqrt((double)e.config.p0);
 	random_fill(random, zeta, regressors(), -size, size);
-	wanted = (KOOP(step)){(real)0.5, (real)random_uniform(random, 0.5, 2), 0, 0, 1, 1};
+	wanted = (KOOP(step)){(real)0.5, (real)random_uniform(random, 0.5, 2), 0, 0, 0, 1, 1, 1};
 	const double p0 = (double)e.config.p0;
 	if (round % 2) { wanted.inflate = (real)(p0 * p0 * (double)random_uniform(random, 0, 1)); }
 	x.any_sign = 1;

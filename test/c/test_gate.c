@@ -51,9 +51,9 @@ static double error_on(double gain) {
 static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, const KOOP(gate_config) *config) {
 	random = random_seed(61);
 	estimator_settings(&e, N, M, regulator, form);
-	e.config.delta = (real)NOISE;
+	e.dead_zone.delta = (real)NOISE;
 	e.config.p0 = 10000; /* what is known at first counts for little beside the noise */
-	e.config.tau0 = D;
+	e.trace.tau0 = D;
 	estimator_start(&e);
 	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, config, &e.rls, storage, REALS));
 }
@@ -82,6 +82,9 @@ static void test_what_is_taken_is_learned_as_without_it(void) {
 		start(all_regulators[r], all_forms[f], NULL);
 		estimator_settings(&twin, N, M, all_regulators[r], all_forms[f]);
 		twin.config = e.config;
+		twin.dead_zone = e.dead_zone;
+		twin.trace = e.trace;
+		twin.floor = e.floor;
 		twin.config.dictionary = &twin.dictionary;
 		estimator_start(&twin);
 		for (int k = 0; k < 500; k++) {
@@ -644,7 +647,7 @@ static void test_samples_that_cannot_be_learned_are_refused_trust(void) {
 static void test_indefinite_covariance_is_refused_trust(void) {
 	start_learned(&KOOP(reg_ef), &KOOP(form_plain));
 	e.rls.positive_definite = 0;
-	e.config.delta = 0;
+	e.dead_zone.delta = 0;
 	real zeta[D], psi_next[N];
 	draw(1, NOISE, zeta, psi_next);
 	spike(1); /* refused, so that P stays what it is */

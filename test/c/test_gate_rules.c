@@ -75,6 +75,9 @@ static void rules_start(rules *t, const estimator *of, const KOOP(gate_config) *
 		estimator_settings(all[i], t->N, of->config.n_inputs, of->config.regulator, of->config.form);
 		all[i]->config = of->config;
 		all[i]->config.dictionary = &all[i]->dictionary;
+		all[i]->dead_zone = of->dead_zone;
+		all[i]->trace = of->trace;
+		all[i]->floor = of->floor;
 		estimator_start(all[i]);
 	}
 	rules_save(t);
@@ -356,9 +359,9 @@ static int both(const real *zeta, const real *psi_next) {
 static void start(size_t N, size_t m, const KOOP(regulator) *regulator, const KOOP(form) *form,
                   const KOOP(gate_config) *config, int checksum) {
 	estimator_settings(&e, N, m, regulator, form);
-	e.config.delta = (real)NOISE;
+	e.dead_zone.delta = (real)NOISE;
 	e.config.p0 = 10000;
-	e.config.tau0 = (real)(N + m);
+	e.trace.tau0 = (real)(N + m);
 	e.config.checksum = checksum;
 	estimator_start(&e);
 	for (size_t i = 0; i < REALS; i++) { storage[i] = (real)NAN; } /* what it holds does not matter */
@@ -527,7 +530,7 @@ enum { ONE_WINDOW = 8 };
 
 static void start_fixed(size_t N, const KOOP(gate_config) *config) {
 	estimator_settings(&e, N, 1, &KOOP(reg_dz_ks), &KOOP(form_sqrt));
-	e.config.delta = REAL_MAX / 2;
+	e.dead_zone.delta = REAL_MAX / 2;
 	estimator_start(&e);
 	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, config, &e.rls, storage, REALS));
 }

@@ -99,7 +99,7 @@ static int decide_covariance_alone(KOOP(rls) *rls, real innovation, KOOP(step) *
 }
 
 static void test_theta_that_is_left_alone_keeps_its_bound(void) {
-	const KOOP(regulator) own = {"own", 0, decide_covariance_alone, 1};
+	const KOOP(regulator) own = {.name = "own", .decide = decide_covariance_alone, .forgets = 1};
 	const real zeta[2] = {1, 2}, psi_next[1] = {100};
 	for (int f = 0; f < FORMS; f++) {
 		estimator_default(&e, 1, 1, &own, all_forms[f]);
@@ -142,7 +142,7 @@ static void test_loose_bound_of_theta_refuses_nothing(void) {
 	const double root = sqrt((double)REAL_MAX);
 	for (int f = 0; f < FORMS; f++) {
 		estimator_settings(&e, 1, 1, &KOOP(reg_dz_cs), all_forms[f]);
-		e.config.delta = (real)root;
+		e.dead_zone.delta = (real)root;
 		estimator_start(&e);
 		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, REAL_MAX / 16));
 		double travelled = 0, before = 0;

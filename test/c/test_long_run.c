@@ -125,7 +125,7 @@ static void run_all(int form, int check, tally total[REGULATORS]) {
 			D = N + M;
 			estimator_settings(&e, N, M, all_regulators[r], all_forms[form]);
 			e.config.check = check;
-			e.config.delta = (real)0.005;
+			e.dead_zone.delta = (real)0.005;
 			run((uint64_t)(60 + l), lambdas[l], &total[r]);
 		}
 		printf("%-22s accepted %5d, indefinite %5d, overflow %5d, resets %3d, reported lost %5d\n",

@@ -15,7 +15,7 @@ static void begin(const KOOP(regulator) *regulator, const KOOP(form) *form, real
 	estimator_settings(&e, 1, 1, regulator, form);
 	e.config.lambda = lambda;
 	e.config.p0 = p0;
-	e.config.tau0 = 1;
+	e.trace.tau0 = 1;
 	e.config.check = check;
 	estimator_start(&e);
 }
@@ -145,7 +145,7 @@ static void test_trace_that_cannot_be_brought_back(void) {
 		int status;
 		estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_sqrt));
 		e.config.p0 = (real)exp2(range / 6);
-		e.config.tau0 = (real)exp2(range - 5);
+		e.trace.tau0 = (real)exp2(range - 5);
 		estimator_start(&e);
 		(void)updates_taken(far ? (real)exp2(range / 12) : (real)exp2(-range / 6), 0, 1, &status);
 		CHECK_STATUS(far ? KOOP_E_OVERFLOW : KOOP_OK, status);
@@ -173,7 +173,7 @@ static void test_constant_trace_from_the_end_of_the_range(void) {
 		const real zeta[2] = {0}, psi_next[1] = {0};
 		KOOP(health) health;
 		estimator_settings(&e, 1, 1, &KOOP(reg_ct), all_forms[f]);
-		e.config.tau0 = 100;
+		e.trace.tau0 = 100;
 		estimator_start(&e);
 		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, (real)0.45 * REAL_MAX));
 		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
@@ -188,7 +188,7 @@ static void test_scale_at_the_end_of_the_range(void) {
 		const real zeta[2] = {REAL_EPSILON, 0}, psi_next[1] = {0};
 		estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_plain));
 		e.config.p0 = 4;
-		e.config.tau0 = 8 * REAL_MIN * (below ? (real)0.75 : 1);
+		e.trace.tau0 = 8 * REAL_MIN * (below ? (real)0.75 : 1);
 		estimator_start(&e);
 		CHECK_STATUS(below ? KOOP_E_INDEFINITE : KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
 	}
@@ -206,7 +206,7 @@ static void test_settings_at_the_end_of_the_range(void) {
 	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
 		estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_sqrt));
 		e.config.p0 = cases[i].p0 < 1 ? (real)(cases[i].p0 * (double)REAL_MAX) : 1;
-		e.config.tau0 = (real)(cases[i].tau0 * (double)REAL_MAX);
+		e.trace.tau0 = (real)(cases[i].tau0 * (double)REAL_MAX);
 		CHECK_STATUS(cases[i].status,
 		             KOOP(rls_init)(&e.rls, &e.config, e.storage, sizeof e.storage / sizeof *e.storage));
 	}
@@ -214,7 +214,7 @@ static void test_settings_at_the_end_of_the_range(void) {
 
 static void check_start(real p0, int status) {
 	estimator_settings(&e, 1, 1, &KOOP(reg_ct), &KOOP(form_sqrt));
-	e.config.tau0 = 1;
+	e.trace.tau0 = 1;
 	estimator_start(&e);
 	CHECK_STATUS(status, KOOP(rls_reset_covariance)(&e.rls, p0));
 	e.config.p0 = p0;

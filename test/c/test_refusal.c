@@ -289,7 +289,7 @@ static void test_theta_does_not_overflow(void) {
 static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, double lambda, double tau0) {
 	estimator_settings(&seen, N, M, regulator, form);
 	seen.config.lambda = (real)lambda;
-	seen.config.tau0 = (real)tau0;
+	seen.trace.tau0 = (real)tau0;
 	estimator_start(&seen);
 }
 
@@ -353,7 +353,7 @@ static void test_trace_that_underflows(void) {
 	for (int f = 0; f < FORMS; f++) {
 		for (int exponent = ilogb((double)REAL_MAX); exponent > 0; exponent--) {
 			start(&KOOP(reg_ct), all_forms[f], 0.95, 1e4 * (double)REAL_MIN);
-			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, seen.rls.config.tau0));
+			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, seen.rls.nominal_trace));
 			for (int i = D; i-- > 0;) {
 				real zeta[D] = {0};
 				const real psi_next[N] = {0};
@@ -386,7 +386,7 @@ static void test_trace_that_is_negative(void) {
 static void test_information_does_not_underflow(void) {
 	for (int f = 0; f < FORMS; f++) {
 		estimator_settings(&seen, N, M, &KOOP(reg_sift), all_forms[f]);
-		seen.config.eps_sift = REAL_MIN;
+		seen.floor.eps_sift = REAL_MIN;
 		estimator_start(&seen);
 		CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&seen.rls, REAL_MAX / 4));
 		check_refused(KOOP_E_INDEFINITE, (real)1e-12);

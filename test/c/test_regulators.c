@@ -32,8 +32,8 @@ static void test_follow_the_paper(void) {
 				random_fill(&random, theta_true, N * d, -1, 1);
 				estimator_settings(&e, N, m, all_regulators[r], all_forms[f]);
 				e.config.lambda = random_uniform(&random, 0.9, 1);
-				e.config.eps_sift = round % 2 ? (real)0.3 : 0;
-				e.config.tau0 = round % 2 ? 3 : 0;
+				e.floor.eps_sift = round % 2 ? (real)0.3 : (real)1e-10;
+				e.trace.tau0 = round % 2 ? 3 : 0;
 				estimator_start(&e);
 				reference_start(&paper, &e);
 				for (int k = 0; k < STEPS; k++) {
@@ -118,7 +118,7 @@ static int decide_covariance_alone(KOOP(rls) *rls, real innovation, KOOP(step) *
 /* Your own regulator that leaves Theta alone: P goes on as by exponential forgetting. */
 static void test_covariance_without_theta(void) {
 	enum { N = 3, M = 2, D = N + M };
-	const KOOP(regulator) own = {"own", 0, decide_covariance_alone, 1};
+	const KOOP(regulator) own = {.name = "own", .decide = decide_covariance_alone, .forgets = 1};
 	static estimator twin;
 	random_source random = random_seed(34);
 	for (int f = 0; f < FORMS; f++) {
@@ -157,7 +157,7 @@ static void check_batch(const KOOP(regulator) *regulator, const KOOP(form) *form
 	random_fill(&random, theta_true, N * D, -1, 1);
 	estimator_settings(&e, N, M, regulator, form);
 	e.config.lambda = (real)lambda_given;
-	e.config.delta = 0;
+	e.dead_zone.delta = 0;
 	estimator_start(&e);
 	const wide lambda = lambda_meant < 1 ? (wide)e.config.lambda : 1;
 	for (size_t i = 0; i < D; i++) { information[i * D + i] = 1 / (wide)e.config.p0; }
@@ -218,7 +218,7 @@ static void test_dead_zones_gate_at_delta(void) {
 				learned before, after;
 				KOOP(health) health;
 				estimator_settings(&e, N, M, ks ? &KOOP(reg_dz_ks) : &KOOP(reg_dz_cs), all_forms[f]);
-				e.config.delta = (real)0.25;
+				e.dead_zone.delta = (real)0.25;
 				estimator_start(&e);
 				if (above) { psi_next[1] *= 1 + 4 * REAL_EPSILON; }
 				learned_take(&before, &e);
@@ -239,9 +239,9 @@ static void test_constant_trace(void) {
 			const size_t N = 1 + random_below(&random, MAX_N), m = 1 + random_below(&random, MAX_M),
 			             d = N + m;
 			estimator_settings(&e, N, m, &KOOP(reg_ct), all_forms[f]);
-			e.config.tau0 = round % 2 ? random_uniform(&random, 0.01, 1000) : 0;
+			e.trace.tau0 = round % 2 ? random_uniform(&random, 0.01, 1000) : 0;
 			estimator_start(&e);
-			const wide tau0 = round % 2 ? (wide)e.config.tau0 : (wide)e.config.p0 * (wide)d;
+			const wide tau0 = round % 2 ? (wide)e.trace.tau0 : (wide)e.config.p0 * (wide)d;
 			/* plain: one sum of d elements and one scaling. sqrt: a sum of d squares
 			 * of each of d elements, four at a time; up to these d it stays within too */
 			const wide tolerance = 4 * (wide)d * (wide)REAL_EPSILON * tau0;
@@ -269,7 +269,7 @@ static void test_constant_trace_far_below_p(void) {
 		const real zeta[3] = {1, 1, 1}, psi_next[2] = {1, 1};
 		estimator_settings(&e, 2, 1, &KOOP(reg_ct), all_forms[f]);
 		e.config.p0 = REAL_MAX / 1000;
-		e.config.tau0 = REAL_MIN;
+		e.trace.tau0 = REAL_MIN;
 		estimator_start(&e);
 		learned_take(&before, &e);
 		CHECK_STATUS(KOOP_E_INDEFINITE, estimator_update(&e, zeta, psi_next, NULL));
@@ -290,7 +290,7 @@ static void test_sift_keeps_eigenvalues_bounded(void) {
 		estimator_settings(&e, N, M, &KOOP(reg_sift), all_forms[f]);
 		e.config.lambda = (real)lambda;
 		e.config.p0 = (real)p0;
-		e.config.eps_sift = (real)eps_sift;
+		e.floor.eps_sift = (real)eps_sift;
 		estimator_start(&e);
 		for (int phase = 0; phase < (TEST_SHARE > 1 ? 12 : 60); phase++) {
 			real zeta[D], psi_next[N] = {1, -1, 1, -1};
@@ -328,7 +328,7 @@ static void test_sift_ignores_what_carries_no_information(void) {
 			learned before, after;
 			KOOP(health) health;
 			estimator_settings(&e, N, M, &KOOP(reg_sift), all_forms[f]);
-			e.config.eps_sift = (real)0.25 * (enough ? 1 : 1 + REAL_EPSILON);
+			e.floor.eps_sift = (real)0.25 * (enough ? 1 : 1 + REAL_EPSILON);
 			estimator_start(&e);
 			learned_take(&before, &e);
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
@@ -394,7 +394,7 @@ static void test_winding_up_is_told(void) {
 			estimator_start(&e);
 			for (int k = 0; k < 200; k++) {
 				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
-				const int told = winds && health.trace > 100 * e.rls.config.tau0;
+				const int told = winds && health.trace > 100 * e.rls.nominal_trace;
 				CHECK(health.winding_up == told, "%s, sample %d", estimator_name(&e), k);
 			}
 			TEST_ASSERT_EQUAL_INT(winds, health.winding_up);
@@ -409,7 +409,7 @@ static void test_a_hundred_times_the_trace_is_not_winding_up_yet(void) {
 			KOOP(health) health;
 			const real zeta[4] = {0}, psi_next[3] = {0};
 			estimator_settings(&e, 3, 1, &KOOP(reg_dz_ks), all_forms[f]);
-			e.config.tau0 = 1;
+			e.config.p0 = (real)0.25; /* a trace of 1 */
 			estimator_start(&e);
 			CHECK_STATUS(KOOP_OK, KOOP(rls_reset_covariance)(&e.rls, over ? (real)25.1 : 25));
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));

@@ -62,14 +62,16 @@ static void begin(const KOOP(dictionary) *dictionary, const KOOP(regulator) *reg
 	l.high[0] = (real)3.5;
 	l.high[1] = (real)1.2;
 	l.low[1] = (real)-1.2;
+	static const KOOP(dead_zone) zone = {(real)0.01};
+	const int has_zone = regulator == &KOOP(reg_dz_cs) || regulator == &KOOP(reg_dz_ks);
 	const KOOP(config) config = {
 	    .dictionary = dictionary,
 	    .n_inputs = M,
 	    .regulator = regulator,
+	    .settings = has_zone ? &zone : NULL,
 	    .form = form,
 	    .lambda = (real)0.98,
 	    .p0 = 100,
-	    .delta = (real)0.01,
 	    .check = check,
 	};
 	const KOOP(mpc_config) mpc = {

@@ -21,13 +21,14 @@ static int start(void) {
 	static const float Q[STATES * STATES] = {20, 0, 0, 0, 20, 0, 0, 0, 3};
 	static const float R[INPUTS * INPUTS] = {0.05f, 0, 0, 0.08f};
 	static const float low[INPUTS] = {0, -1.2f}, high[INPUTS] = {3.5f, 1.2f}, stop[INPUTS] = {0, 0};
+	static const koopf_dead_zone zone = {0.01f};
 	learning.dictionary = &koopf_rbf_ddr;
 	learning.n_inputs = INPUTS;
 	learning.regulator = &koopf_reg_dz_cs;
 	learning.form = &koopf_form_sqrt;
 	learning.lambda = 0.98f;
 	learning.p0 = 100;
-	learning.delta = 0.01f;
+	learning.settings = &zone;
 	control.n_lifted = N;
 	control.n_states = STATES;
 	control.n_inputs = INPUTS;

@@ -103,8 +103,9 @@ static void lift_identity(const KOOP(dictionary) *self, const real *x, real *psi
 }
 
 static const KOOP(dictionary) identity = {"identity", N, N, lift_identity, NULL};
-static const KOOP(regulator) *const regulators[] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
-                                                    &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
+#define ENTER(name) &KOOP(reg_##name),
+static const KOOP(regulator) *const regulators[] = {KOOP_REGULATORS(ENTER)};
+#undef ENTER
 static const KOOP(form) *const forms[] = {&KOOP(form_plain), &KOOP(form_sqrt)};
 
 static KOOP(rls) rls;
@@ -158,13 +159,15 @@ static void drive(size_t steps) {
 }
 
 static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, int check) {
+	static const KOOP(dead_zone) zone = {(real)0.03125};
+	const int has_zone = regulator == &KOOP(reg_dz_cs) || regulator == &KOOP(reg_dz_ks);
 	const KOOP(config) config = {.dictionary = &identity,
 	                             .n_inputs = M,
 	                             .regulator = regulator,
+	                             .settings = has_zone ? &zone : NULL,
 	                             .form = form,
 	                             .lambda = (real)0.5,
 	                             .p0 = 100,
-	                             .delta = (real)0.03125,
 	                             .check = check};
 	note_number(KOOP(rls_init)(&rls, &config, rls_storage, COUNT(rls_storage)));
 }

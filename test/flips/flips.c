@@ -139,10 +139,14 @@ static int is_detected(const course *c, const course *twin) {
 	return 0;
 }
 
+static real delta_of(const KOOP(rls) *rls) {
+	return ((const KOOP(dead_zone) *)rls->config.settings)->delta;
+}
+
 static double dead_zone(const world *w) {
 	const KOOP(regulator) *regulator = w->rls.config.regulator;
 	const int has_one = regulator == &KOOP(reg_dz_cs) || regulator == &KOOP(reg_dz_ks);
-	return has_one ? (double)w->rls.config.delta * (double)w->rls.config.delta : 0;
+	return has_one ? (double)delta_of(&w->rls) * (double)delta_of(&w->rls) : 0;
 }
 
 static int is_harmless(const world *w, const course *c, const course *twin) {
@@ -234,6 +238,7 @@ static real calibrated(protection use, const KOOP(config) *config, uint64_t seed
 	static real scores[LEARNING];
 	KOOP(config) plain = *config;
 	plain.regulator = &KOOP(reg_none);
+	plain.settings = NULL;
 	real delta;
 	world_start(&w, use, &plain, seed);
 	for (size_t k = 0; k < LEARNING; k++) { (void)world_step(&w); }
@@ -296,7 +301,9 @@ int main(int count, char **arguments) {
 	config.form = all_forms[place_of(arguments[3], forms, FORMS)];
 	config.check = (int)place_of(arguments[4], checks, 3);
 	const uint64_t seed = strtoull(arguments[6], NULL, 10);
-	config.delta = calibrated(use_of, &config, seed + 1);
+	const KOOP(dead_zone) zone = {calibrated(use_of, &config, seed + 1)};
+	const KOOP(setting) *first = config.regulator->settings;
+	if (first && strcmp(first->name, "delta") == 0) { config.settings = &zone; }
 	world_start(&w, use_of, &config, seed);
 	list_all(&l, &w);
 	run(&w, &l, &config, strtoul(arguments[5], NULL, 10), seed);

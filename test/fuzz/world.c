@@ -218,11 +218,13 @@ static int undecided(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 }
 
 static const KOOP(regulator) *take_regulator(world *w) {
-	static const KOOP(regulator) *const ready[] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
-	                                               &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
-	static const KOOP(regulator) odd[] = {{"undecided", 0, undecided, 1}, {"nothing", 0, NULL, 1}};
-	const size_t which = take_below(&w->in, w->arbitrary ? 9 : 6);
-	return which < 6 ? ready[which] : which < 8 ? &odd[which - 6] : NULL;
+#define ENTER(name) &KOOP(reg_##name),
+	static const KOOP(regulator) *const ready[] = {KOOP_REGULATORS(ENTER)};
+	static const KOOP(regulator) odd[] = {{.name = "undecided", .decide = undecided, .forgets = 1},
+	                                      {.name = "nothing", .forgets = 1}};
+	enum { READY = sizeof ready / sizeof *ready };
+	const size_t which = take_below(&w->in, w->arbitrary ? READY + 3 : READY);
+	return which < READY ? ready[which] : which < READY + 2 ? &odd[which - READY] : NULL;
 }
 
 static real take_from(world *w, const double *values, size_t count) {
@@ -232,6 +234,24 @@ static real take_from(world *w, const double *values, size_t count) {
 
 #define TAKE_FROM(...)                                                                                       \
 	take_from(w, (const double[]){__VA_ARGS__}, sizeof((const double[]){__VA_ARGS__}) / sizeof(double))
+
+/* Settings of the regulator, which live until the next are taken after this estimator; or its defaults. */
+static const void *take_settings(world *w, const KOOP(regulator) *regulator) {
+	const real delta = TAKE_FROM(0.1, 0, 1e-6, 1e6);
+	const real tau0 = TAKE_FROM(0, 1, 1e6, 1e-6, (double)REAL_MIN, (double)REAL_MAX / 9);
+	const real eps = TAKE_FROM(1e-20, 1e-10, 1, (double)REAL_MIN);
+	const size_t count = regulator ? regulator->n_settings : 0;
+	if (count == 0) { return NULL; }
+	real *settings = allocate(count * sizeof *settings);
+	for (size_t i = 0; i < count; i++) {
+		const char *name = regulator->settings[i].name;
+		settings[i] = strcmp(name, "delta") == 0      ? delta
+		              : strcmp(name, "tau0") == 0     ? tau0
+		              : strcmp(name, "eps_sift") == 0 ? eps
+		                                              : take_real(&w->in);
+	}
+	return settings;
+}
 
 static KOOP(config) take_config(world *w) {
 	KOOP(config) c = {0};
@@ -244,9 +264,7 @@ static KOOP(config) take_config(world *w) {
 	c.form = form == 0 ? &KOOP(form_plain) : form == 1 ? &KOOP(form_sqrt) : NULL;
 	c.lambda = TAKE_FROM(0.98, 1, 0.95, 0.5, 1e-3, (double)REAL_MIN);
 	c.p0 = TAKE_FROM(1e3, 1, 1e6, 1e-6, (double)REAL_MIN, (double)REAL_MAX / 9000);
-	c.delta = TAKE_FROM(0.1, 0, 1e-6, 1e6);
-	c.tau0 = TAKE_FROM(0, 1, 1e6, 1e-6, (double)REAL_MIN, (double)REAL_MAX / 9);
-	c.eps_sift = TAKE_FROM(0, 1e-10, 1, (double)REAL_MIN);
+	c.settings = take_settings(w, c.regulator);
 	c.check = (int)take_below(&w->in, w->arbitrary ? 4 : 3);
 	if (c.check == 3) { take(&w->in, &c.check, sizeof c.check); }
 	return c;

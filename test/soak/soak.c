@@ -214,10 +214,14 @@ static void run_twin(learner *l, episode *e) {
 	for (size_t k = 0; k < e->healthy; k++) { e->twin[l->gated][k] = learn(l, &e->seen[e->fault + k]); }
 }
 
+static real delta_of(const KOOP(rls) *rls) {
+	return ((const KOOP(dead_zone) *)rls->config.settings)->delta;
+}
+
 static double dead_zone(const learner *l) {
 	const KOOP(regulator) *regulator = l->rls.config.regulator;
 	const int has_one = regulator == &KOOP(reg_dz_cs) || regulator == &KOOP(reg_dz_ks);
-	return has_one ? (double)l->rls.config.delta : 0;
+	return has_one ? (double)delta_of(&l->rls) : 0;
 }
 
 static void run_faulty(learner *l, const episode *e, const fault *f, random_source random, size_t limit) {
@@ -249,6 +253,7 @@ static real calibrated(const KOOP(config) *config, const plant *robot, random_so
 	static real scores[LEARNING];
 	KOOP(config) plain = *config;
 	plain.regulator = &KOOP(reg_none);
+	plain.settings = NULL;
 	real delta;
 	learner_start(&l, &plain, 0);
 	for (size_t k = 0; k < 2 * LEARNING; k++) {
@@ -365,7 +370,9 @@ int main(int count, char **arguments) {
 	const uint64_t seed = strtoull(arguments[5], NULL, 10);
 	config.n_inputs = robot->m;
 	config.lambda = (real)robot->lambda;
-	config.delta = calibrated(&config, robot, random_seed(seed + 1));
+	const KOOP(dead_zone) zone = {calibrated(&config, robot, random_seed(seed + 1))};
+	const KOOP(setting) *first = config.regulator->settings;
+	if (first && strcmp(first->name, "delta") == 0) { config.settings = &zone; }
 	run(&c, &config, robot, strtoul(arguments[4], NULL, 10), seed);
 	return 0;
 }

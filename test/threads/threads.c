@@ -42,8 +42,8 @@ static real noise(agent *a) {
 
 /* Each thread has its own regulator, form and dictionary. */
 static void start(agent *a, size_t which) {
-	static const KOOP(regulator) *const regulators[] = {&KOOP(reg_none),  &KOOP(reg_ef), &KOOP(reg_dz_cs),
-	                                                    &KOOP(reg_dz_ks), &KOOP(reg_ct), &KOOP(reg_sift)};
+#define ENTER(name) &KOOP(reg_##name),
+	static const KOOP(regulator) *const regulators[] = {KOOP_REGULATORS(ENTER)};
 	static const real weight[STATES * STATES] = {10, 0, 0, 0, 10, 0, 0, 0, 1},
 	                                  effort[INPUTS * INPUTS] = {1, 0, 0, 1};
 	static const real low[INPUTS] = {-1, -2}, high[INPUTS] = {1, 2}, safe[INPUTS] = {0, 0};
@@ -53,11 +53,10 @@ static void start(agent *a, size_t which) {
 	const KOOP(config) config = {
 	    .dictionary = which % 2 ? &KOOP(rbf_ddr) : &KOOP(poly_ddr),
 	    .n_inputs = INPUTS,
-	    .regulator = regulators[which % 6],
+	    .regulator = regulators[which % (sizeof regulators / sizeof *regulators)],
 	    .form = which / 2 % 2 ? &KOOP(form_sqrt) : &KOOP(form_plain),
 	    .lambda = (real)0.99,
 	    .p0 = 10,
-	    .delta = (real)0.01,
 	};
 	const size_t N = config.dictionary->n_lifted;
 	const KOOP(mpc_config) control = {N,    STATES, INPUTS, HORIZON, weight, effort,

@@ -5,12 +5,13 @@ from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, S
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_columns, read_log, write_log
+from .regulators import Setting, dead_zones, regulators
 from .sizes import storage
 from .unmodelled import Effect, effects, families, formulas, usual_effect
 
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
-    "Supervisor", "Log", "Mpc", "Rollouts", "Solution", "Steps", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
-    "read_columns", "read_log", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
+    "Supervisor", "Log", "Mpc", "Rollouts", "Setting", "Solution", "Steps", "dead_zones", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
+    "read_columns", "read_log", "regulators", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ import numpy as np
 
 from .control import SOLVER
 from .library import DOUBLES, INTS, call, doubles, ints, raw, reals
+from .regulators import setting_values
 from .unmodelled import active_effects
 
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
@@ -26,9 +27,8 @@ class _Settings(ct.Structure):
         ("n_inputs", ct.c_int),
         ("lam", ct.c_double),
         ("p0", ct.c_double),
-        ("delta", ct.c_double),
-        ("tau0", ct.c_double),
-        ("eps_sift", ct.c_double),
+        ("n_settings", ct.c_size_t),
+        ("settings", DOUBLES),
         ("gate", ct.c_int),
     ]
 
@@ -82,18 +82,21 @@ class _Soak(ct.Structure):
 class Estimator:
     """The estimator of the C library, in float32 or float64 (precision: 32 or 64).
 
-    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: none, ef,
-    dz_cs, dz_ks, ct, sift; form: plain, sqrt, or textbook (the form that diverges, for comparison).
-    n_inputs, lam, p0, delta, tau0, eps_sift: as in koopf_config. check: CHECK_REPORT continues after a loss of positive
-    definiteness, as the paper's recursion does.
+    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: one of
+    regulators(); form: plain, sqrt, or textbook (the form that diverges, for comparison).
+    n_inputs, lam, p0: as in koopf_config. check: CHECK_REPORT continues after a loss of positive definiteness, as the
+    paper's recursion does.
     gate: replays learn through the gate, with its defaults.
+    settings: those of regulators(), by name, as delta=0.01. What is not given has its default; what is a setting of
+    another regulator only is ignored, so that one call serves all.
     """
 
     def __init__(self, dictionary, regulator, precision, *, form="plain", n_inputs=2, lam=0.98, p0=100.0,
-                 delta=0.01, tau0=0.0, eps_sift=0.0, check=CHECK_REPORT, gate=False):  # fmt: skip
+                 check=CHECK_REPORT, gate=False, **settings):  # fmt: skip
+        values = np.array(setting_values(regulator, settings), np.float64)
         settings = _Settings(
             dictionary.encode(), regulator.encode(), form.encode(), precision, check, n_inputs, lam, p0,
-            delta, tau0, eps_sift, gate,
+            len(values), doubles(values), gate,
         )  # fmt: skip
         self._handle = ct.c_void_p()
         call("tk_estimator_new", ct.byref(settings), ct.byref(self._handle))

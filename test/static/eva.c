@@ -60,8 +60,10 @@ static koopf_rls rls;
 
 static int start_learner(void) {
 	static float storage[KOOP_RLS_REALS_PLAIN(LIFTED, INPUTS)];
-	const koopf_config c = {&dictionary, INPUTS,    &REGULATOR, &FORM,     any_float,
-	                        any_float,   any_float, any_float,  any_float, CHECK};
+	static float settings[2]; /* of any regulator */
+	settings[0] = any_float;
+	settings[1] = any_float;
+	const koopf_config c = {&dictionary, INPUTS, &REGULATOR, settings, &FORM, any_float, any_float, CHECK, 0};
 	size_t reals = 0;
 	if (koopf_rls_reals(&c, &reals) != KOOP_OK) { return 0; }
 	if (reals > sizeof storage / sizeof *storage) { return 0; /*@ assert too_few: \false; */ }

@@ -15,6 +15,7 @@ from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
+from ..plumbing.sources import regulators
 
 BUILD = ROOT / "build/flips"
 
@@ -28,7 +29,7 @@ USES = {
     "gradient": "supervisor, gradient",
 }
 PROTECTED = ("gate_checksum", "newton", "gradient")  # with gate and checksum; the latter two in a closed loop with the supervisor
-REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+REGULATORS = regulators()
 FORMS = (("plain", "refuse"), ("plain", "diagonal"), ("sqrt", "refuse"))  # to the square root all checks are the same
 KINDS = tuple((precision, use, regulator, *form) for precision, use, regulator, form in product(PRECISIONS, USES, REGULATORS, FORMS))
 PARTS = {"alone": 6, "checksum": 6, "gate": 15, "gate_checksum": 15, "newton": 27, "gradient": 27}  # of the storage, as flips.c lists them

@@ -16,12 +16,13 @@ from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, replacing
+from ..plumbing.sources import regulators
 
 BUILD = ROOT / "build/soak"
 
 PRECISIONS = ("koopf", "koopd")
 DICTIONARIES = ("poly_ddr", "rbf_ddr", "poly_fwmav", "rbf_fwmav")
-REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+REGULATORS = regulators()
 FORMS = ("plain", "sqrt")
 KINDS = tuple(product(PRECISIONS, DICTIONARIES, REGULATORS, FORMS))
 RUNS = len(KINDS) * 12 * 2  # faults, bare and gated

@@ -18,6 +18,7 @@ from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
+from ..plumbing.sources import regulators
 
 LIB = ROOT / "lib"
 FOLDER = ROOT / "test/static"
@@ -91,7 +92,7 @@ def cppcheck(unit, vectors):
 EVA = "-eva -eva-precision 0 -eva-split-return full -eva-slevel 70 -eva-auto-loop-unroll 200 -eva-no-print -warn-special-float none"
 EVA_CONTROLLER = EVA.replace("slevel 70", "slevel 12")
 EVA_SUPERVISOR = EVA.replace("slevel 70", "slevel 500")  # with 250 an init that fails is not distinguished from one that does not
-REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+REGULATORS = regulators()
 FORMS = ("plain", "sqrt")
 
 

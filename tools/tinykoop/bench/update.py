@@ -33,7 +33,7 @@ PRECISIONS = ("f32", "f64")
 FLIGHT_SECONDS = 300  # of the log that is replayed: as long as the simulated battery lasts
 REPLAY_REPEATS = 7
 REPLAY_DICTIONARIES = ("poly_fwmav", "rbf_fwmav", "wide_fwmav")  # N = 20, 30, 40
-REPLAY_REGULATORS = ("none", *scenario.REGULATORS)
+REPLAY_REGULATORS = bridge.regulator_names()
 REPLAY_FORMS = {"plain": "", "sqrt": "_sqrt"}  # and what their rows are called
 NUMPY_ROWS = 500  # of that log: soon after, the textbook's P is lost in float32
 

@@ -5,7 +5,7 @@ from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, S
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_columns, read_log, write_log
-from .regulators import Setting, dead_zones, regulators
+from .regulators import Setting, dead_zones, regulator_names, regulators
 from .sizes import storage
 from .unmodelled import Effect, effects, families, formulas, usual_effect
 
@@ -13,5 +13,5 @@ __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
     "Supervisor", "Log", "Mpc", "Rollouts", "Setting", "Solution", "Steps", "dead_zones", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
-    "read_columns", "read_log", "regulators", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
+    "read_columns", "read_log", "regulator_names", "regulators", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
 ]  # fmt: skip

@@ -22,6 +22,11 @@ def regulators():
     return dict(_regulators())
 
 
+def regulator_names():
+    """Names of all regulators, in the order of KOOP_REGULATORS."""
+    return tuple(_regulators())
+
+
 def dead_zones():
     """Names of the regulators that gate by a threshold delta of the innovation, which can be calibrated."""
     return tuple(name for name, settings in _regulators().items() if any(s.name == "delta" for s in settings))

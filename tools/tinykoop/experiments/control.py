@@ -109,7 +109,7 @@ def table(rows):
     """Lines of the table beside the paper's."""
     lines = []
     for method, row, narrow in scenario.by_precision(rows):
-        error, energy, fallback = PAPER[method.dictionary, method.regulator]
+        error, energy, fallback = PAPER.get((method.dictionary, method.regulator), (None, None, np.nan))
         lines.append(
             [
                 method.label,

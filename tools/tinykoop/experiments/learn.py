@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from .. import bridge
 from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import scenario
@@ -27,7 +28,7 @@ def row_of(method, precision, x, u):
     """(row of learn.json, trace) of one method in one precision."""
     estimator, trace = scenario.run(method, precision, x, u, every=EVERY)
     online = method.regulator != "offline"
-    gates = method.regulator in ("dz_cs", "dz_ks")
+    gates = method.regulator in bridge.dead_zones()
     rollout = scenario.rollout_errors(estimator, trace, x, u)
     row = {
         "dictionary": method.dictionary,
@@ -77,7 +78,7 @@ def table(rows):
     """Lines of the table beside the paper's, float64, with what float32 makes of it."""
     lines = []
     for method, row, narrow in scenario.by_precision(rows):
-        error, P, A, skip = scenario.PAPER[method.dictionary, method.regulator]
+        error, P, A, skip = scenario.PAPER.get((method.dictionary, method.regulator), (None,) * 4)
         ratio = narrow["mean_error"] / row["mean_error"]
         lost = [r["lost_positive_definite_at"] for r in (row, narrow)]
         lines.append(

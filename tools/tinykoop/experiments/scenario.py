@@ -16,8 +16,17 @@ P0 = 100.0  # paper, section "Comparison Protocol", times the identity
 # ten that gives its |A|.
 OFFLINE_P0 = 1e8
 
-REGULATORS = ("ef", "dz_cs", "dz_ks", "ct", "sift")
-LABELS = {
+REGULATORS = tuple(name for name in bridge.regulator_names() if name != "none")  # the paper's, then others that lib/ lists
+
+
+class _Labels(dict):
+    """A regulator that the paper does not have is called by its name."""
+
+    def __missing__(self, name):
+        return name
+
+
+LABELS = _Labels({
     "offline": "Offline",
     "none": "no forgetting",
     "ef": "vanilla",
@@ -25,7 +34,7 @@ LABELS = {
     "dz_ks": "DZ-KS",
     "ct": "CT",
     "sift": "SIFt",
-}
+})  # fmt: skip
 
 # Paper, table "Learning Performance of a DDR under Unmodeled Dynamics":
 # mean error, final |P|_F, final |A|_F, skip rate
@@ -46,7 +55,7 @@ PAPER = {
 
 @dataclass(frozen=True)
 class Method:
-    """One of the paper's eleven: a dictionary and a regulator, or the offline baseline."""
+    """A dictionary and a regulator, or the offline baseline: the paper's eleven, and one for each other regulator of lib/."""
 
     dictionary: str
     regulator: str
@@ -59,7 +68,8 @@ class Method:
         return name if self.regulator == "ef" else f"{name} ({LABELS[self.regulator]})"
 
 
-METHODS = tuple(Method(*key) for key in PAPER)
+_OTHERS = tuple((dictionary, name) for dictionary in ("poly", "rbf") for name in REGULATORS if (dictionary, name) not in PAPER)
+METHODS = tuple(Method(*key) for key in (*PAPER, *_OTHERS))
 
 
 def commands(steps=STEPS):

@@ -138,14 +138,14 @@ def transfers(name, flights):
         for direction in DIRECTIONS
         for method in scenario.METHODS
         for precision in PRECISIONS
-        for calibrated in ((False, True) if method.regulator in ("dz_cs", "dz_ks") else (False,))
+        for calibrated in ((False, True) if method.regulator in bridge.dead_zones() else (False,))
     ]
     for (source, target), method, precision, calibrated in progress(jobs, name):
         theta, own = fitted[source][method.dictionary]
         delta, flight = own if calibrated else DELTA, flights[target]
         scored = flight.part(FIT + CALIBRATE if source == target else 0, 1)
         trace = learned(method, precision, theta, delta, flight, scored)
-        online, gates = method.regulator != "offline", method.regulator in ("dz_cs", "dz_ks")
+        online, gates = method.regulator != "offline", method.regulator in bridge.dead_zones()
         rows.append(
             {
                 "source": name,
@@ -219,7 +219,7 @@ def report(name, rows):
     errors, norms, calibrations = [], [], []
     for method in scenario.METHODS:
         four, narrow = chosen(rows, method), chosen(rows, method, "f32")
-        *paper, paper_P = PAPER[method.dictionary, method.regulator]
+        *paper, paper_P = PAPER.get((method.dictionary, method.regulator), ("-",) * 4 + (None,))
         errors.append([method.label, *[f"{number(row['mean_error'])} ({error})" for row, error in zip(four, paper)]])
         P = [row["final_P_fro"] for row in four if row["final_P_fro"] is not None]
         skip = [100 * row["skip_rate"] for row in four if row["skip_rate"] is not None]
@@ -278,6 +278,8 @@ def draw_table(out, name, rows):
         for j, method in enumerate(methods):
             ratio = chosen(rows, method)[i]["mean_error"] / offline[i]["mean_error"]
             ax.barh(j, ratio, color="0.85", edgecolor="k", hatch=plots.HATCHES[method.regulator])
+            if (method.dictionary, method.regulator) not in PAPER:
+                continue
             paper = PAPER[method.dictionary, method.regulator][i] / PAPER["rbf", "offline"][i]
             ax.plot(paper, j, "D", color="k", ms=4, mfc="w", label="paper's vehicle" if (i, j) == (0, 0) else None)
         ax.axvline(1, color="k", lw=1)

@@ -17,7 +17,7 @@ from ..plumbing.results import number, output_folder, print_table, progress, rep
 from . import scenario
 
 FORMS = ("plain", "sqrt", "textbook")
-REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+REGULATORS = bridge.regulator_names()
 PRECISIONS = (64, 32)
 
 # A prediction has left the reference when it differs by more than this: half of what the

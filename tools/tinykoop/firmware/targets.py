@@ -20,6 +20,7 @@ from ..plumbing.checkout import ROOT
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, write_json
+from ..plumbing.sources import regulators
 from . import callgraph
 
 FOLDER = ROOT / "targets"
@@ -233,7 +234,7 @@ class Counted:
         return seen
 
 
-REGULATORS = ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+REGULATORS = regulators()
 FORMS = {
     "sqrt": "rls_update",
     "plain-diagonal": "rls_update_plain",

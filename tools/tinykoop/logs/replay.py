@@ -101,7 +101,7 @@ def run_log(path, out, platform=None):
         estimator.theta = offline[method.dictionary]
         trace = estimator.replay(log.x, log.u[:-1], usable=scored, learn=online[method], traces=("error", *bridge.FLAGS))
         errors[method, form, precision, gate] = trace["error"]
-        gates = method.regulator in ("dz_cs", "dz_ks")
+        gates = method.regulator in bridge.dead_zones()
         rows.append(
             {
                 "source": printable(Path(path).stem),

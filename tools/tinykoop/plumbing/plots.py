@@ -24,8 +24,23 @@ LOOK = {
     "legend.fontsize": 8,
 }
 
+
 # Colour and dash differ together, and the colours differ in lightness.
-STYLES = {
+class _Styles(dict):
+    """What the paper does not have gets a colour and a dash by its name, the same in every run."""
+
+    def __missing__(self, name):
+        seed = sum(i * byte for i, byte in enumerate(name.encode(), 1))
+        return dict(color=OTHERS[seed % len(OTHERS)], ls=(0, (1 + seed % 3, 1, 4, 1)))
+
+
+class _Hatches(dict):
+    def __missing__(self, name):
+        return "xo+*OX"[sum(name.encode()) % 6]
+
+
+OTHERS = ("#762a83", "#8c510a", "#c51b7d", "#35978f", "#525252", "#bf812d")
+STYLES = _Styles({
     "offline": dict(color="#999999", ls="-"),
     "none": dict(color="#bbbbbb", ls="-."),
     "ef": dict(color="#d62728", ls="--"),
@@ -33,8 +48,8 @@ STYLES = {
     "dz_ks": dict(color="#4292c6", ls=(0, (3, 1))),
     "ct": dict(color="#e6a000", ls="-."),
     "sift": dict(color="#1b7837", ls=":"),
-}
-HATCHES = {"offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--"}
+})  # fmt: skip
+HATCHES = _Hatches({"offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--"})
 
 
 @lru_cache

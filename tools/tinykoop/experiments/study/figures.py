@@ -27,7 +27,7 @@ def draw_bistability(out, cells):
     for y, (regulator, start) in enumerate(groups.values()):
         errors = [e for r in poly if (r["regulator"], r["start"]) == (regulator, start) for e in r["mean_errors"]]
         left.scatter(
-            errors, y + spread.uniform(-0.3, 0.3, len(errors)), s=9, marker=MARKERS[regulator],
+            errors, y + spread.uniform(-0.3, 0.3, len(errors)), s=9, marker=MARKERS.get(regulator, "P"),
             color=plots.STYLES[regulator]["color"], alpha=0.6, lw=0,
         )  # fmt: skip
     errors = [e for r in cells if r["dictionary"] == "rbf" for e in r["mean_errors"]]
@@ -48,7 +48,7 @@ def draw_bistability(out, cells):
         low, high = row["ci95"]
         right.plot([low, high], [place, place], color=plots.STYLES[row["regulator"]]["color"], lw=1.2)
         right.plot(
-            row["probability"], place, MARKERS[row["regulator"]], ms=5, color=plots.STYLES[row["regulator"]]["color"],
+            row["probability"], place, MARKERS.get(row["regulator"], "P"), ms=5, color=plots.STYLES[row["regulator"]]["color"],
             label=scenario.Method("poly", row["regulator"]).label,
         )  # fmt: skip
     for y in range(1, len(names)):

@@ -1,0 +1,61 @@
+"""Every regulator that lib/ lists, whatever it is: a new one is tested by being listed."""
+
+import itertools
+
+import numpy as np
+import pytest
+from tinykoop import bridge
+from tinykoop.experiments import scenario
+from tinykoop.plumbing import plots, sources
+from tinykoop.plumbing.errors import UserError
+
+NAMES = bridge.regulator_names()
+SETTINGS = [(name, setting) for name, settings in bridge.regulators().items() for setting in settings]
+
+
+@pytest.fixture(scope="module")
+def drive():
+    u = scenario.commands(400)
+    return bridge.simulate(u, scenario.DT, np.zeros(3)), u
+
+
+def test_the_lists_of_library_and_sources_agree():
+    assert NAMES == sources.regulators()
+    assert NAMES[:6] == ("none", "ef", "dz_cs", "dz_ks", "ct", "sift")
+    assert set(bridge.dead_zones()) >= {"dz_cs", "dz_ks"}
+
+
+def test_every_regulator_is_in_experiments_and_plots():
+    for name in NAMES:
+        assert scenario.LABELS[name] and plots.STYLES[name]["color"] and isinstance(plots.HATCHES[name], str)
+    assert {method.regulator for method in scenario.METHODS} == set(NAMES) - {"none"} | {"offline"}
+    assert len(scenario.METHODS) == 11 + 2 * (len(NAMES) - 6)
+
+
+@pytest.mark.parametrize("name, precision, form", list(itertools.product(NAMES, (32, 64), ("plain", "sqrt"))))
+def test_learns_a_nominal_drive_with_default_settings(name, precision, form, drive):
+    estimator = bridge.Estimator("poly_ddr", name, precision, form=form)
+    trace = estimator.replay(*drive)
+    assert (trace["status"] == 0).all() and np.isfinite(trace["norm_p"]).all()
+    assert trace["positive_definite"].all()
+    assert np.mean(trace["error"][-100:]) < 0.2 * np.mean(trace["error"][:10])
+
+
+@pytest.mark.parametrize("name, setting", SETTINGS)
+def test_settings_have_bounds_that_hold(name, setting):
+    assert setting.low <= setting.default <= setting.high and np.isfinite([setting.low, setting.high]).all()
+    bridge.Estimator("poly_ddr", name, 64, **{setting.name: setting.default})
+    for outside in (setting.low - 1e-3 - 1e-3 * abs(setting.low), np.inf, np.nan):
+        with pytest.raises(UserError, match="estimator: a setting is outside"):
+            bridge.Estimator("poly_ddr", name, 64, **{setting.name: outside})
+
+
+def test_a_setting_that_no_regulator_has_is_refused():
+    with pytest.raises(TypeError, match="no regulator has a setting named \\['detla'\\]; there are .*'delta'"):
+        bridge.Estimator("poly_ddr", "dz_cs", 64, detla=0.1)
+
+
+def test_a_setting_of_another_regulator_changes_nothing(drive):
+    plain, other = (bridge.Estimator("poly_ddr", "ct", 64, **given) for given in ({}, {"delta": 1e3, "eps_sift": 1.0}))
+    plain.replay(*drive), other.replay(*drive)
+    assert (plain.theta == other.theta).all()

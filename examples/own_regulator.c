@@ -1,4 +1,4 @@
-/* A regulator of one's own, with settings and a memory: exponential forgetting only while the innovation is larger than
+/* Your own regulator, with settings and a memory: exponential forgetting only while the innovation is larger than
  * it usually is, after the variable-rate forgetting of Bruce, Goel and Bernstein ("Convergence and consistency of
  * recursive least squares with variable-rate forgetting", Automatica 119, 2020). P does not grow while the model holds. */
 #include <math.h>

@@ -302,15 +302,18 @@ int KOOP(rls_set_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
  * KOOP_E_INPUT: an element is not finite. */
 int KOOP(rls_copy_theta)(KOOP(rls) *rls, const KOOP_REAL *theta);
 
-/* For the `reshape` of a regulator: P^-1 += a v v', P += a v v', P *= factor, with a > 0, factor > 0 and
- * d finite values v, which may be in rls->memory but not in a work vector. They overwrite rls->zeta and rls->gain.
+/* For the `reshape` of a regulator only, since the checksum is not renewed: P^-1 += a v v' with a > 0 and d values
+ * v, which may be in rls->memory but not in a work vector. It overwrites rls->zeta and rls->gain. A refusal leaves
+ * P as it was.
  *
- * A refusal leaves P as it was. KOOP_E_RANGE: a or factor is not > 0. KOOP_E_OVERFLOW, KOOP_E_INDEFINITE: as
- * rls_update(). P = keep P + p I takes one rls_scale_covariance() and d times rls_add_covariance() with the unit
- * vectors; a term of P^-1 along one unit vector per sample is cyclic resetting (Lai and Bernstein, 2024). The
- * caller's checksum is not renewed: call them from `reshape` only. */
+ * KOOP_E_RANGE: a is not > 0. KOOP_E_INPUT: v is not finite. KOOP_E_OVERFLOW, KOOP_E_INDEFINITE: as rls_update().
+ * A term along one unit vector per sample is cyclic resetting (Lai and Bernstein, 2024). */
 int KOOP(rls_add_information)(KOOP(rls) *rls, const KOOP_REAL *v, KOOP_REAL a);
+
+/* The same for P += a v v'. P + p I takes it d times, with the unit vectors. */
 int KOOP(rls_add_covariance)(KOOP(rls) *rls, const KOOP_REAL *v, KOOP_REAL a);
+
+/* The same for P *= factor, 0 < factor < a quarter of the largest real. */
 int KOOP(rls_scale_covariance)(KOOP(rls) *rls, KOOP_REAL factor);
 
 /* Copies P out, d rows of d. KOOP_E_OVERFLOW: an element of P does not fit this precision, and is written as

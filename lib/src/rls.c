@@ -25,13 +25,17 @@ static COLD int settings_in_range(const KOOP(regulator) *regulator, const real *
 	return in_range;
 }
 
+static COLD int regulator_is_given(const KOOP(regulator) *regulator, const void *settings) {
+	return regulator->decide && (settings || regulator->n_settings == 0);
+}
+
 static COLD int config_check(const KOOP(config) *c) {
-	if (!c || !c->regulator || !c->regulator->decide || !c->form) { return KOOP_E_NULL; }
+	if (!c || !c->regulator || !c->form) { return KOOP_E_NULL; }
+	if (!regulator_is_given(c->regulator, settings_of(c))) { return KOOP_E_NULL; }
 	const int status = dictionary_check(c->dictionary);
 	if (status != KOOP_OK) { return status; }
 	/* an n_inputs of 0 wraps to the largest number */
 	if (c->n_inputs - 1 >= KOOP_MAX_DIM - c->dictionary->n_lifted) { return KOOP_E_SIZE; }
-	if (c->regulator->n_settings > 0 && !settings_of(c)) { return KOOP_E_NULL; }
 	if (!numbers_in_range(c)) { return KOOP_E_RANGE; }
 	return settings_in_range(c->regulator, (const real *)settings_of(c)) ? KOOP_OK : KOOP_E_RANGE;
 }
@@ -211,7 +215,7 @@ GLUE int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real 
 }
 
 /* Writes the denominator noise + s to *denominator, and makes P zeta in rls->gain the gain K. */
-static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real *denominator) {
+static GLUE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real *denominator) {
 	const size_t rows = rls->n_regressors_padded;
 	if (step->inflate > 0) {
 		const real square = dot(rls->zeta, rls->zeta, rows);
@@ -230,6 +234,21 @@ static GLUE int compute_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, rea
 	const real inverse = 1 / *denominator;
 	rls->gain_square = scaled_dot(rls->gain, inverse, rls->gain, rows);
 	return KOOP_OK;
+}
+
+/* Computes the gain K and the denominator, for the step as the regulator has it in the end. */
+static GLUE int compute_gain(KOOP(rls) *rls, KOOP(step) *step, int *frozen, real *denominator) {
+	const KOOP(extension) *extension = rls->config.regulator->extension;
+	const real s = rls->config.form->gain(rls);
+	const int status = extension ? extension->engine->adjust(rls, s, step, frozen) : KOOP_OK;
+	return status == KOOP_OK ? finish_gain(rls, step, s, denominator) : status;
+}
+
+/* Changes P. */
+static GLUE int apply_step(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
+	const KOOP(extension) *extension = rls->config.regulator->extension;
+	const int status = step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
+	return status == KOOP_OK && extension ? extension->engine->reshape(rls) : status;
 }
 
 /* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
@@ -257,24 +276,19 @@ static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const r
 
 /* Updates Theta and P by the innovation. *frozen: 1 if P stays unchanged. */
 static GLUE int change_model(KOOP(rls) *rls, real innovation, int *frozen) {
-	const KOOP(regulator) *regulator = rls->config.regulator;
-	const KOOP(extension) *extension = regulator->extension;
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 0, 1, 1, 1};
 	real denominator, bound;
 
-	int status = regulator->decide(rls, innovation, &step);
+	int status = rls->config.regulator->decide(rls, innovation, &step);
 	if (status != KOOP_OK) { return status; }
 	*frozen = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
 
-	const real s = rls->config.form->gain(rls);
-	if (extension) { status = extension->engine->adjust(rls, s, &step, frozen); }
-	if (status == KOOP_OK) { status = compute_gain(rls, &step, s, &denominator); }
+	status = compute_gain(rls, &step, frozen, &denominator);
 	if (status != KOOP_OK) { return status; }
 	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
-	if (step.update_covariance) { status = rls->config.form->apply(rls, &step, denominator); }
-	if (status == KOOP_OK && extension) { status = extension->engine->reshape(rls); }
+	status = apply_step(rls, &step, denominator);
 	if (status != KOOP_OK) { return status; }
 
 	/* nothing can fail from here on */

@@ -5,6 +5,10 @@ void reference_start(reference *r, const estimator *e) {
 	r->N = e->dictionary.n_lifted;
 	r->d = r->N + e->config.n_inputs;
 	r->regulator = e->config.regulator->name;
+	static const char *const known[] = {"none", "ef", "dz_cs", "dz_ks", "ct", "sift"};
+	int found = 0;
+	for (size_t i = 0; i < sizeof known / sizeof *known; i++) { found |= strcmp(r->regulator, known[i]) == 0; }
+	CHECK(found, "test/c/reference.c has no recursion of '%s': write it there", r->regulator);
 	r->lambda = strcmp(r->regulator, "none") == 0 ? 1 : (wide)e->config.lambda;
 	r->delta = (wide)e->dead_zone.delta;
 	r->tau0 = e->trace.tau0 > 0 ? (wide)e->trace.tau0 : (wide)e->config.p0 * (wide)r->d;

@@ -247,6 +247,7 @@ static void test_storage_is_exact(void) {
 
 	for (size_t s = 0; s < sizeof sizes / sizeof sizes[0]; s++) {
 		for (int r = 0; r < REGULATORS; r++) {
+			if (all_regulators[r]->extension) { continue; } /* test_extensions.c has these */
 			for (int f = 0; f < FORMS; f++) {
 				for (int check = 0; check < 3; check++) {
 					const size_t n_lifted = sizes[s][0], m = sizes[s][1];
@@ -300,6 +301,7 @@ static void test_plain_form_pays_only_for_what_it_uses(void) {
  */
 static void test_plain_form_needs_what_is_said(void) {
 	for (int r = 0; r < REGULATORS; r++) {
+		if (all_regulators[r]->extension) { continue; } /* test_extensions.c has these */
 		for (int check = 0; check < 3; check++) {
 			size_t reals = 0;
 			estimator_settings(&e, 5, 2, all_regulators[r], &KOOP(form_plain));

@@ -60,7 +60,7 @@ static void test_round_off_does_not_pile_up(void) {
 	enum { N = 3, M = 1, D = N + M, STEPS = 100000 / TEST_SHARE };
 	for (int r = 0; r < REGULATORS; r++) {
 		for (int f = 0; f < FORMS; f++) {
-			const int forgets = all_regulators[r] != &KOOP(reg_none);
+			const int forgets = all_regulators[r]->forgets || all_regulators[r]->needs_information;
 			random_source random = random_seed(43);
 			real theta_true[N * D];
 			wide truth[N * D];

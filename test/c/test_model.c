@@ -285,7 +285,9 @@ static void check_goes_on(const KOOP(regulator) *regulator, const KOOP(form) *fo
 
 static void test_learning_goes_on_with_a_covariance_that_was_stored(void) {
 	for (size_t f = 0; f < FORMS; f++) {
-		for (size_t r = 0; r < REGULATORS; r++) { check_goes_on(all_regulators[r], all_forms[f]); }
+		for (size_t r = 0; r < REGULATORS; r++) {
+			if (!all_regulators[r]->extension) { check_goes_on(all_regulators[r], all_forms[f]); }
+		}
 	}
 }
 

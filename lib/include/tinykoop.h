@@ -50,6 +50,9 @@ extern "C" {
 /* Largest accepted N, m and N + m: it bounds every loop. */
 #define KOOP_MAX_DIM 255
 
+/* Largest total degree of the polynomials of a combined dictionary. */
+#define KOOP_MAX_DEGREE 8
+
 /* Status of a call. Errors are negative. status_message() has a message for each. */
 enum {
 	KOOP_OK = 0,

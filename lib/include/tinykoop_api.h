@@ -55,6 +55,81 @@ extern const KOOP(dictionary) KOOP(rbf_fwmav);
  * 10^4 rad (10^6 rad in double) the resolution of the angle itself is the larger error: wrap angles. */
 int KOOP(lift)(const KOOP(dictionary) *dictionary, const KOOP_REAL *x, KOOP_REAL *psi);
 
+/* ---- Dictionaries of your own from parts ----------------------------------------------- */
+
+/* A part of a combined dictionary: functions of the state. `kind` is one of the part_.. below, or your own; `context`
+ * points to the settings of this kind. */
+typedef struct KOOP(part_kind) {
+	/* Number of functions of a state of n_states values; 0 if the settings are out of range. */
+	size_t (*count)(const void *context, size_t n_states);
+	/* Writes them for the state x; returns the place behind the last. */
+	KOOP_REAL *(*lift)(const void *context, const KOOP_REAL *x, KOOP_REAL *out);
+} KOOP(part_kind);
+
+typedef struct KOOP(part) {
+	const KOOP(part_kind) *kind;
+	const void *context;
+} KOOP(part);
+
+/* part_constant: the function 1, for what acts always, as gravity does. Its context may be null. */
+extern const KOOP(part_kind) KOOP(part_constant);
+
+/* part_angles: sine and cosine of each of n states (rad), and if `wrapped` the angle in [-pi, pi]. */
+typedef struct KOOP(angles) {
+	const unsigned char *states; /* n indices of states, n >= 1 */
+	size_t n;
+	int wrapped; /* 0 or 1 */
+} KOOP(angles);
+extern const KOOP(part_kind) KOOP(part_angles);
+
+/* part_products: x[i] x[j] of n pairs. */
+typedef struct KOOP(products) {
+	const unsigned char *pairs; /* n times two indices of states, n >= 1 */
+	size_t n;
+} KOOP(products);
+extern const KOOP(part_kind) KOOP(part_products);
+
+/* part_polynomials: all monomials of n states with a total degree from `low` to `high`, by degree, and in a degree as
+ * in x0 x0, x0 x1, .., x1 x1, ... The states themselves, of degree 1, are in every dictionary: begin with 2. */
+typedef struct KOOP(polynomials) {
+	const unsigned char *states; /* n indices of states, n >= 1 */
+	size_t n;
+	size_t low, high; /* low <= high <= KOOP_MAX_DEGREE */
+} KOOP(polynomials);
+extern const KOOP(part_kind) KOOP(part_polynomials);
+
+/* part_rbf: `count` radial basis functions kernel(|x - center| / width) of n states, Euclidean norm. */
+typedef struct KOOP(rbf) {
+	const unsigned char *states; /* n indices of states, n >= 1 */
+	size_t n;
+	size_t count;             /* >= 1 */
+	const KOOP_REAL *centers; /* count rows of n, finite, units of the states */
+	const KOOP_REAL *widths;  /* count, >= FLT_MIN or DBL_MIN, finite, units of the states; of Gaussians, sigma */
+	/* Turns four squares r^2 >= 0 into four values: one of the kernels below, or your own. */
+	void (*kernel)(KOOP_REAL *square);
+} KOOP(rbf);
+extern const KOOP(part_kind) KOOP(part_rbf);
+
+void KOOP(gaussian)(KOOP_REAL *square);             /* exp(-r^2 / 2) */
+void KOOP(inverse_quadratic)(KOOP_REAL *square);    /* 1 / (1 + r^2) */
+void KOOP(inverse_multiquadric)(KOOP_REAL *square); /* 1 / sqrt(1 + r^2) */
+void KOOP(multiquadric)(KOOP_REAL *square);         /* sqrt(1 + r^2) */
+void KOOP(thin_plate)(KOOP_REAL *square);           /* r^2 ln r */
+
+/* The parts of a dictionary, in order. All that it points to must outlive the dictionary. */
+typedef struct KOOP(combination) {
+	const KOOP(part) *parts;
+	size_t n_parts; /* 0: the state alone */
+} KOOP(combination);
+
+/* Makes a dictionary: psi is the state (n_states), then the functions of each part. n_lifted is found. The settings
+ * are checked here, and must not change later. Other fields of *dictionary need not be set before.
+ *
+ * KOOP_E_SIZE: N would exceed KOOP_MAX_DIM, or n_states is out of range. KOOP_E_RANGE: a setting of a part is out of
+ * range, or a pointer in it is null. A refusal leaves *dictionary as it was. */
+int KOOP(combine)(KOOP(dictionary) *dictionary, const char *name, size_t n_states,
+                  const KOOP(combination) *combination);
+
 /* ---- Regulator: how a sample changes Theta and P -------------------------- */
 
 struct KOOP(rls);

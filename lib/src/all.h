@@ -12,6 +12,7 @@
 #include "dictionary.c"
 #include "dictionary_ddr.c"
 #include "dictionary_fwmav.c"
+#include "dictionary_combined.c"
 
 #include "regulator_none.c"
 #include "regulator_ef.c"

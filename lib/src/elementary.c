@@ -1,4 +1,4 @@
-/* The library's own exp, sine and cosine. They give the same bits wherever arithmetic is that of IEEE 754.
+/* The library's own exp, logarithm, sine and cosine. They give the same bits wherever arithmetic is that of IEEE 754.
  * Those of libm differ between machines in the last bit, and a closed loop amplifies the difference.
  *
  * The argument is reduced by multiples of ln 2 or pi / 2. The remainder goes into a Taylor series whose first
@@ -11,6 +11,7 @@
 #if REAL_DIGITS == 24
 #define EXP_TERMS 6
 #define SINE_TERMS 4
+#define LOGARITHM_TERMS 5
 #define LN2 (real)0.693145751953125, (real)1.4286068203094172e-6
 #define QUARTER_TURN                                                                                         \
 	(real)1.5703125, (real)4.8375129699707031e-4, (real)7.5495336204767227e-8, (real)2.5633441515945189e-12
@@ -18,6 +19,7 @@
 #else
 #define EXP_TERMS 12
 #define SINE_TERMS 8
+#define LOGARITHM_TERMS 11
 #define LN2 0.69314718055989033, 5.4979230187083712e-14
 #define QUARTER_TURN 1.5707963267341256, 6.077100506303966e-11, 2.0222662487111665e-21, 8.4784276603688996e-32
 #define QUARTER_TURN_REST 6.1232339957367659e-17
@@ -129,4 +131,22 @@ static real wrapped(const KOOP(angle) *angle) {
 	real turn = (real)quarters;
 	if (quarters == 3 || (quarters == 2 && angle->rest > 0)) { turn -= 4; }
 	return turn * quarter + (angle->rest + (angle->low + turn * QUARTER_TURN_REST));
+}
+
+/* ln x for a normal x > 0: x = 2^k m with m in [sqrt(1/2), sqrt(2)), ln m = 2 artanh((m - 1) / (m + 1)). */
+static real natural_logarithm(real x) {
+	static const real ln2[] = {LN2};
+	const REAL_BITS bits = bits_of(x), one = (REAL_BITS)REAL_BIAS << (REAL_DIGITS - 1);
+	int32_t k = (int32_t)(bits >> (REAL_DIGITS - 1)) - REAL_BIAS;
+	const REAL_BITS mantissa = (bits & (((REAL_BITS)1 << (REAL_DIGITS - 1)) - 1)) | one;
+	real m;
+	(void)memcpy(&m, &mantissa, sizeof m);
+	if (m > (real)1.4142135623730951) {
+		m /= 2;
+		k++;
+	}
+	const real s = (m - 1) / (m + 1), square = s * s;
+	real sum = 0;
+	for (size_t n = 2 * LOGARITHM_TERMS + 1; n > 1; n -= 2) { sum = (sum + 1 / (real)n) * square; }
+	return (real)k * ln2[0] + (2 * (s + s * sum) + (real)k * ln2[1]);
 }

@@ -139,8 +139,18 @@ static void test_memory_of_a_sample_that_is_not_learned(void) {
 		learned_take(&after, &e);
 		TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e) && learned_same_covariance(&before, &after, &e));
 		TEST_ASSERT_TRUE(e.rls.memory[D] > 6 && e.rls.memory[D] < 8);
-		CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
-		TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
+		plan.unlearned = 0;
+		teach(&random, 1);
+		learned_take(&after, &e);
+		TEST_ASSERT_FALSE(learned_same_theta(&before, &after, &e));
+		static snapshot now;
+		memcpy(now.kept, e.rls.theta, e.rls.kept * sizeof(real));
+		now.rls = e.rls;
+		real zeta[D], psi_next[N];
+		sample(&random, zeta, psi_next);
+		plan.refuse_in = 1;
+		CHECK_STATUS(KOOP_E_RANGE, estimator_update(&e, zeta, psi_next, NULL));
+		check_same(&now, "memory alone");
 	}
 }
 

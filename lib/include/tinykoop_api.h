@@ -165,7 +165,7 @@ typedef struct KOOP(setting) {
 /* The part of the library that serves extensions; it is not linked without one. The fields are private. */
 typedef struct KOOP(engine) {
 	size_t (*reals)(struct KOOP(rls) *rls);
-	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
+	void (*reset)(struct KOOP(rls) *rls);
 	int (*learn)(struct KOOP(rls) *rls, KOOP_REAL innovation, int *frozen);
 	int (*adjust)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step, int *frozen);
 	int (*reshape)(struct KOOP(rls) *rls);
@@ -184,8 +184,8 @@ typedef struct KOOP(extension) {
 	const KOOP(engine) *engine; /* &koopf_reg_engine or &koopd_reg_engine */
 	/* Number of reals of memory. Of `rls`, the configuration and the sizes are known. */
 	size_t (*reals)(const struct KOOP(rls) *rls);
-	/* P becomes p0 I, at the start or by a reset: fills the memory, which comes in as 0. */
-	void (*reset)(struct KOOP(rls) *rls, KOOP_REAL p0);
+	/* P has become p0 I, at the start or by a reset: fills the memory, which comes in as 0. */
+	void (*reset)(struct KOOP(rls) *rls);
 	/* Changes `step` when s = zeta' P zeta is known and rls->gain is P zeta (d), unless `decide` has left both Theta
 	 * and P as they are. Of the work vectors, only the third (work + 2 n_regressors_padded) may be overwritten. */
 	int (*adjust)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step);

@@ -14,9 +14,9 @@ static COLD size_t extension_reals(KOOP(rls) *rls) {
 	return memory + rls->n_undo + rls->n_regressors_padded + EXTENSION_NUMBERS;
 }
 
-static COLD void extension_reset(KOOP(rls) *rls, real p0) {
+static COLD void extension_reset(KOOP(rls) *rls) {
 	for (size_t i = 0; i < rls->n_memory; i++) { rls->memory[i] = 0; }
-	if (rls->config.regulator->extension->reset) { rls->config.regulator->extension->reset(rls, p0); }
+	if (rls->config.regulator->extension->reset) { rls->config.regulator->extension->reset(rls); }
 }
 
 static COLD void extension_keep(KOOP(rls) *rls) {

@@ -139,7 +139,7 @@ static COLD void reset_covariance(KOOP(rls) *rls, real p0) {
 	rls->config.form->reset(rls, p0);
 	rls->positive_definite = 1;
 	const KOOP(extension) *extension = rls->config.regulator->extension;
-	if (extension) { extension->engine->reset(rls, p0); }
+	if (extension) { extension->engine->reset(rls); }
 }
 
 COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {

@@ -11,8 +11,7 @@ int main(void) {
 	const koopf_config config = {
 		.dictionary = &koopf_rbf_ddr, /* 22 functions of the state; examples/own_dictionary.c has its own */
 		.n_inputs = 2,
-		.regulator = &koopf_reg_dz_cs, /* keeps the covariance of the least squares bounded */
-		.settings = &zone,
+		.regulator = &koopf_reg_dz_cs, .settings = &zone, /* keeps the covariance of the least squares bounded */
 		.form = &koopf_form_sqrt, /* the covariance as its square root: safe in float32 */
 		.lambda = 0.98f, /* forgetting factor */
 		.p0 = 100.0f,    /* initial covariance */

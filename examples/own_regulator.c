@@ -19,7 +19,7 @@ static const variable_rate usual = {10, 100, 0.1f};
 
 enum { FAST, SLOW, MEMORY }; /* the two means are remembered from sample to sample */
 
-static size_t reals(const koopf_rls *rls) {
+static size_t memory(const koopf_rls *rls) {
 	(void)rls;
 	return MEMORY;
 }
@@ -44,7 +44,7 @@ static int decide(koopf_rls *rls, float innovation, koopf_step *step) {
 	return KOOP_OK;
 }
 
-static const koopf_extension remembers = {.engine = &koopf_reg_engine, .reals = reals};
+static const koopf_extension remembers = {.engine = &koopf_reg_engine, .memory = memory};
 static const koopf_regulator variable = {
 	.name = "variable", .decide = decide, .settings = settings, .n_settings = 3, .defaults = &usual, .check = check,
 	.extension = &remembers,

@@ -63,7 +63,7 @@ typedef struct KOOP(part_kind) {
 	/* Number of functions of a state of n_states values; 0 if the settings are out of range. */
 	size_t (*count)(const void *context, size_t n_states);
 	/* Writes them for the state x; returns the place behind the last. */
-	KOOP_REAL *(*lift)(const void *context, const KOOP_REAL *x, KOOP_REAL *out);
+	KOOP_REAL *(*write)(const void *context, const KOOP_REAL *x, KOOP_REAL *out);
 } KOOP(part_kind);
 
 typedef struct KOOP(part) {
@@ -98,6 +98,17 @@ typedef struct KOOP(polynomials) {
 } KOOP(polynomials);
 extern const KOOP(part_kind) KOOP(part_polynomials);
 
+/* A radial basis function of r: turns four squares r^2 >= 0 into four values. */
+typedef struct KOOP(kernel) {
+	void (*values)(KOOP_REAL *square);
+} KOOP(kernel);
+
+extern const KOOP(kernel) KOOP(gaussian);             /* exp(-r^2 / 2) */
+extern const KOOP(kernel) KOOP(inverse_quadratic);    /* 1 / (1 + r^2) */
+extern const KOOP(kernel) KOOP(inverse_multiquadric); /* 1 / sqrt(1 + r^2) */
+extern const KOOP(kernel) KOOP(multiquadric);         /* sqrt(1 + r^2) */
+extern const KOOP(kernel) KOOP(thin_plate);           /* r^2 ln r */
+
 /* part_rbf: `count` radial basis functions kernel(|x - center| / width) of n states, Euclidean norm. */
 typedef struct KOOP(rbf) {
 	const unsigned char *states; /* n indices of states, n >= 1 */
@@ -105,16 +116,9 @@ typedef struct KOOP(rbf) {
 	size_t count;             /* >= 1 */
 	const KOOP_REAL *centers; /* count rows of n, finite, units of the states */
 	const KOOP_REAL *widths;  /* count, >= FLT_MIN or DBL_MIN, finite, units of the states; of Gaussians, sigma */
-	/* Turns four squares r^2 >= 0 into four values: one of the kernels below, or your own. */
-	void (*kernel)(KOOP_REAL *square);
+	const KOOP(kernel) *kernel; /* one of the above, or your own */
 } KOOP(rbf);
 extern const KOOP(part_kind) KOOP(part_rbf);
-
-void KOOP(gaussian)(KOOP_REAL *square);             /* exp(-r^2 / 2) */
-void KOOP(inverse_quadratic)(KOOP_REAL *square);    /* 1 / (1 + r^2) */
-void KOOP(inverse_multiquadric)(KOOP_REAL *square); /* 1 / sqrt(1 + r^2) */
-void KOOP(multiquadric)(KOOP_REAL *square);         /* sqrt(1 + r^2) */
-void KOOP(thin_plate)(KOOP_REAL *square);           /* r^2 ln r */
 
 /* The parts of a dictionary, in order. All that it points to must outlive the dictionary. */
 typedef struct KOOP(combination) {
@@ -164,11 +168,11 @@ typedef struct KOOP(setting) {
 
 /* The part of the library that serves extensions; it is not linked without one. The fields are private. */
 typedef struct KOOP(engine) {
-	size_t (*reals)(struct KOOP(rls) *rls);
-	void (*reset)(struct KOOP(rls) *rls);
-	int (*learn)(struct KOOP(rls) *rls, KOOP_REAL innovation, int *frozen);
-	int (*adjust)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step, int *frozen);
-	int (*reshape)(struct KOOP(rls) *rls);
+	size_t (*size)(struct KOOP(rls) *rls, size_t covariance);
+	void (*restart)(struct KOOP(rls) *rls);
+	int (*attend)(struct KOOP(rls) *rls, KOOP_REAL innovation, int *frozen);
+	int (*tune)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step, int *frozen);
+	int (*finish)(struct KOOP(rls) *rls);
 } KOOP(engine);
 
 extern const KOOP(engine) KOOP(reg_engine);
@@ -183,7 +187,7 @@ extern const KOOP(engine) KOOP(reg_engine);
 typedef struct KOOP(extension) {
 	const KOOP(engine) *engine; /* &koopf_reg_engine or &koopd_reg_engine */
 	/* Number of reals of memory. Of `rls`, the configuration and the sizes are known. */
-	size_t (*reals)(const struct KOOP(rls) *rls);
+	size_t (*memory)(const struct KOOP(rls) *rls);
 	/* P has become p0 I, at the start or by a reset: fills the memory, which comes in as 0. */
 	void (*reset)(struct KOOP(rls) *rls);
 	/* Changes `step` when s = zeta' P zeta is known and rls->gain is P zeta (d), unless `decide` has left both Theta
@@ -317,7 +321,6 @@ typedef struct KOOP(rls) {
 	KOOP_REAL *gain;            /* scratch: P zeta, then the gain K, d */
 	KOOP_REAL *work;            /* scratch: three of d */
 	KOOP_REAL *error;           /* scratch: innovation, N */
-	KOOP_REAL *undo;            /* scratch: what a refused sample gives back */
 	size_t n_memory;            /* reals of memory */
 	size_t n_undo;              /* reals from `memory` on that a sample may change before it is refused */
 	KOOP_REAL gain_square;      /* scratch: K' K */

@@ -15,14 +15,14 @@ static COLD size_t count_constant(const void *context, size_t n_states) {
 	return 1;
 }
 
-static real *lift_constant(const void *context, const real *x, real *out) {
+static real *write_constant(const void *context, const real *x, real *out) {
 	(void)context;
 	(void)x;
 	*out++ = 1;
 	return out;
 }
 
-const KOOP(part_kind) KOOP(part_constant) = {count_constant, lift_constant};
+const KOOP(part_kind) KOOP(part_constant) = {count_constant, write_constant};
 
 /* ---- Angles ------------------------------------------------------------------------ */
 
@@ -32,7 +32,7 @@ static COLD size_t count_angles(const void *context, size_t n_states) {
 	return fits && indices_in_range(own->states, own->n, n_states) ? own->n * (own->wrapped ? 3u : 2u) : 0;
 }
 
-static real *lift_angles(const void *context, const real *x, real *out) {
+static real *write_angles(const void *context, const real *x, real *out) {
 	const KOOP(angles) *own = (const KOOP(angles) *)context;
 	for (size_t i = 0; i < own->n; i++) {
 		KOOP(angle) angle;
@@ -44,7 +44,7 @@ static real *lift_angles(const void *context, const real *x, real *out) {
 	return out;
 }
 
-const KOOP(part_kind) KOOP(part_angles) = {count_angles, lift_angles};
+const KOOP(part_kind) KOOP(part_angles) = {count_angles, write_angles};
 
 /* ---- Products ------------------------------------------------------------------------ */
 
@@ -54,13 +54,13 @@ static COLD size_t count_products(const void *context, size_t n_states) {
 	return fits ? own->n : 0;
 }
 
-static real *lift_products(const void *context, const real *x, real *out) {
+static real *write_products(const void *context, const real *x, real *out) {
 	const KOOP(products) *own = (const KOOP(products) *)context;
 	for (size_t i = 0; i < own->n; i++) { out[i] = x[own->pairs[2 * i]] * x[own->pairs[2 * i + 1]]; }
 	return out + own->n;
 }
 
-const KOOP(part_kind) KOOP(part_products) = {count_products, lift_products};
+const KOOP(part_kind) KOOP(part_products) = {count_products, write_products};
 
 /* ---- Polynomials ----------------------------------------------------------------------- */
 
@@ -99,7 +99,7 @@ static real monomial(const KOOP(polynomials) *own, const real *x, const size_t *
 	return value;
 }
 
-static real *lift_polynomials(const void *context, const real *x, real *out) {
+static real *write_polynomials(const void *context, const real *x, real *out) {
 	const KOOP(polynomials) *own = (const KOOP(polynomials) *)context;
 	for (size_t degree = own->low; degree <= own->high; degree++) {
 		size_t factor[KOOP_MAX_DEGREE] = {0};
@@ -108,13 +108,13 @@ static real *lift_polynomials(const void *context, const real *x, real *out) {
 	return out;
 }
 
-const KOOP(part_kind) KOOP(part_polynomials) = {count_polynomials, lift_polynomials};
+const KOOP(part_kind) KOOP(part_polynomials) = {count_polynomials, write_polynomials};
 
 /* ---- Radial basis functions ---------------------------------------------------------------- */
 
 static COLD size_t count_rbf(const void *context, size_t n_states) {
 	const KOOP(rbf) *own = (const KOOP(rbf) *)context;
-	if (!own || !own->kernel || !own->centers || !own->widths) { return 0; }
+	if (!own || !own->kernel || !own->kernel->values || !own->centers || !own->widths) { return 0; }
 	if (own->n > KOOP_MAX_DIM || own->count > KOOP_MAX_DIM) { return 0; }
 	int sound = indices_in_range(own->states, own->n, n_states) && all_finite(own->centers, own->n * own->count);
 	for (size_t i = 0; i < own->count; i++) { sound &= is_within(own->widths[i], REAL_MIN, REAL_MAX); }
@@ -132,42 +132,48 @@ static real rbf_square(const KOOP(rbf) *own, const real *x, size_t i) {
 	return sum;
 }
 
-static real *lift_rbf(const void *context, const real *x, real *out) {
+static real *write_rbf(const void *context, const real *x, real *out) {
 	const KOOP(rbf) *own = (const KOOP(rbf) *)context;
 	for (size_t i = 0; i < own->count; i += 4) {
 		const size_t count = own->count - i < 4 ? own->count - i : 4;
 		real square[4] = {0, 0, 0, 0};
 		for (size_t k = 0; k < count; k++) { square[k] = rbf_square(own, x, i + k); }
-		own->kernel(square);
+		own->kernel->values(square);
 		for (size_t k = 0; k < count; k++) { out[i + k] = square[k]; }
 	}
 	return out + own->count;
 }
 
-const KOOP(part_kind) KOOP(part_rbf) = {count_rbf, lift_rbf};
+const KOOP(part_kind) KOOP(part_rbf) = {count_rbf, write_rbf};
 
-void KOOP(gaussian)(real *square) {
+static void values_gaussian(real *square) {
 	for (size_t k = 0; k < 4; k++) { square[k] /= 2; }
 	exp_minus_four(square);
 }
 
-void KOOP(inverse_quadratic)(real *square) {
+static void values_inverse_quadratic(real *square) {
 	for (size_t k = 0; k < 4; k++) { square[k] = 1 / (1 + square[k]); }
 }
 
-void KOOP(inverse_multiquadric)(real *square) {
+static void values_inverse_multiquadric(real *square) {
 	for (size_t k = 0; k < 4; k++) { square[k] = 1 / MATH(sqrt)(1 + square[k]); }
 }
 
-void KOOP(multiquadric)(real *square) {
+static void values_multiquadric(real *square) {
 	for (size_t k = 0; k < 4; k++) { square[k] = MATH(sqrt)(1 + square[k]); }
 }
 
-void KOOP(thin_plate)(real *square) {
+static void values_thin_plate(real *square) {
 	for (size_t k = 0; k < 4; k++) {
 		square[k] = square[k] >= REAL_MIN ? square[k] * (natural_logarithm(square[k]) / 2) : 0;
 	}
 }
+
+const KOOP(kernel) KOOP(gaussian) = {values_gaussian};
+const KOOP(kernel) KOOP(inverse_quadratic) = {values_inverse_quadratic};
+const KOOP(kernel) KOOP(inverse_multiquadric) = {values_inverse_multiquadric};
+const KOOP(kernel) KOOP(multiquadric) = {values_multiquadric};
+const KOOP(kernel) KOOP(thin_plate) = {values_thin_plate};
 
 /* ---- The dictionary ---------------------------------------------------------------------------- */
 
@@ -176,7 +182,7 @@ static void lift_combined(const KOOP(dictionary) *self, const real *x, real *psi
 	copy(psi, x, self->n_states);
 	psi += self->n_states;
 	for (size_t i = 0; i < own->n_parts; i++) {
-		psi = own->parts[i].kind->lift(own->parts[i].context, x, psi);
+		psi = own->parts[i].kind->write(own->parts[i].context, x, psi);
 	}
 }
 
@@ -184,7 +190,7 @@ static const KOOP(dictionary) KOOP(combined) = {"", 0, 0, lift_combined, NULL};
 
 /* Adds the functions of a part to *n_lifted. */
 static COLD int add_part(const KOOP(part) *part, size_t n_states, size_t *n_lifted) {
-	if (!part->kind || !part->kind->count || !part->kind->lift) { return KOOP_E_NULL; }
+	if (!part->kind || !part->kind->count || !part->kind->write) { return KOOP_E_NULL; }
 	const size_t count = part->kind->count(part->context, n_states);
 	if (count == 0) { return KOOP_E_RANGE; }
 	if (count > KOOP_MAX_DIM - *n_lifted) { return KOOP_E_SIZE; }

@@ -5,23 +5,29 @@
 
 #define EXTENSION_NUMBERS 4
 
-static COLD size_t extension_reals(KOOP(rls) *rls) {
-	const KOOP(extension) *own = rls->config.regulator->extension;
-	rls->n_memory = own->reals ? own->reals(rls) : 0;
-	const size_t memory = rls->n_undo = KOOP_PAD(rls->n_memory);
-	if (!own->reshape) { return 2 * memory; }
-	rls->n_undo += rls->config.form->reals(rls);
-	return memory + rls->n_undo + rls->n_regressors_padded + EXTENSION_NUMBERS;
+/* The copies, behind the last vector. */
+static COLD real *undo_of(const KOOP(rls) *rls) {
+	return rls->error + rls->n_lifted_padded;
 }
 
-static COLD void extension_reset(KOOP(rls) *rls) {
+static COLD size_t extension_size(KOOP(rls) *rls, size_t covariance) {
+	const KOOP(extension) *own = rls->config.regulator->extension;
+	rls->n_undo = own->reshape ? covariance : 0;
+	rls->n_memory = own->memory ? own->memory(rls) : 0;
+	const size_t memory = KOOP_PAD(rls->n_memory), beside = rls->n_regressors_padded + EXTENSION_NUMBERS;
+	const size_t copy_of_covariance = rls->n_undo > 0 ? rls->n_undo + beside : 0;
+	rls->n_undo += memory;
+	return 2 * memory + copy_of_covariance;
+}
+
+static COLD void extension_restart(KOOP(rls) *rls) {
 	for (size_t i = 0; i < rls->n_memory; i++) { rls->memory[i] = 0; }
 	if (rls->config.regulator->extension->reset) { rls->config.regulator->extension->reset(rls); }
 }
 
 static COLD void extension_keep(KOOP(rls) *rls) {
-	real *numbers = rls->undo + rls->n_undo + rls->n_regressors_padded;
-	copy(rls->undo, rls->memory, rls->n_undo);
+	real *numbers = undo_of(rls) + rls->n_undo + rls->n_regressors_padded;
+	copy(undo_of(rls), rls->memory, rls->n_undo);
 	if (!rls->config.regulator->extension->reshape) { return; }
 	numbers[0] = rls->covariance_scale;
 	numbers[1] = rls->covariance_bound;
@@ -30,8 +36,8 @@ static COLD void extension_keep(KOOP(rls) *rls) {
 }
 
 static COLD void extension_undo(KOOP(rls) *rls) {
-	const real *numbers = rls->undo + rls->n_undo + rls->n_regressors_padded;
-	copy(rls->memory, rls->undo, rls->n_undo);
+	const real *numbers = undo_of(rls) + rls->n_undo + rls->n_regressors_padded;
+	copy(rls->memory, undo_of(rls), rls->n_undo);
 	if (!rls->config.regulator->extension->reshape) { return; }
 	rls->covariance_scale = numbers[0];
 	rls->covariance_bound = numbers[1];
@@ -39,7 +45,7 @@ static COLD void extension_undo(KOOP(rls) *rls) {
 	rls->mirrored = (size_t)numbers[3];
 }
 
-static COLD int extension_adjust(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen) {
+static COLD int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen) {
 	const KOOP(extension) *own = rls->config.regulator->extension;
 	const int status = own->adjust ? own->adjust(rls, s, step) : KOOP_OK;
 	*frozen = !step->update_covariance;
@@ -47,8 +53,8 @@ static COLD int extension_adjust(KOOP(rls) *rls, real s, KOOP(step) *step, int *
 }
 
 /* Theta's change, which comes later, still needs the gain. */
-static COLD int extension_reshape(KOOP(rls) *rls) {
-	real *gain = rls->undo + rls->n_undo;
+static COLD int extension_finish(KOOP(rls) *rls) {
+	real *gain = undo_of(rls) + rls->n_undo;
 	if (!rls->config.regulator->extension->reshape) { return KOOP_OK; }
 	copy(gain, rls->gain, rls->n_regressors_padded);
 	const int status = rls->config.regulator->extension->reshape(rls);
@@ -56,7 +62,7 @@ static COLD int extension_reshape(KOOP(rls) *rls) {
 	return status;
 }
 
-static COLD int extension_learn(KOOP(rls) *rls, real innovation, int *frozen) {
+static COLD int extension_attend(KOOP(rls) *rls, real innovation, int *frozen) {
 	extension_keep(rls);
 	const int status = change_model(rls, innovation, frozen);
 	if (status != KOOP_OK) { extension_undo(rls); }
@@ -64,8 +70,8 @@ static COLD int extension_learn(KOOP(rls) *rls, real innovation, int *frozen) {
 	return status;
 }
 
-const KOOP(engine) KOOP(reg_engine) = {extension_reals, extension_reset, extension_learn, extension_adjust,
-                                       extension_reshape};
+const KOOP(engine) KOOP(reg_engine) = {extension_size, extension_restart, extension_attend, extension_tune,
+                                       extension_finish};
 
 /* ---- Further changes of P --------------------------------------------------------- */
 

@@ -51,8 +51,9 @@ static COLD int configure(KOOP(rls) *rls, const KOOP(config) *c, size_t *reals) 
 	rls->n_regressors_padded = KOOP_PAD(rls->n_regressors);
 	rls->nominal_trace = c->p0 * (real)rls->n_regressors;
 	rls->n_memory = 0;
-	*reals = KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, c->form->reals(rls));
-	if (regulator->extension) { *reals += regulator->extension->engine->reals(rls); }
+	const size_t covariance = c->form->reals(rls);
+	*reals = KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, covariance);
+	if (regulator->extension) { *reals += regulator->extension->engine->size(rls, covariance); }
 	return regulator->check ? regulator->check(rls) : KOOP_OK;
 }
 
@@ -139,7 +140,7 @@ static COLD void reset_covariance(KOOP(rls) *rls, real p0) {
 	rls->config.form->reset(rls, p0);
 	rls->positive_definite = 1;
 	const KOOP(extension) *extension = rls->config.regulator->extension;
-	if (extension) { extension->engine->reset(rls); }
+	if (extension) { extension->engine->restart(rls); }
 }
 
 COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
@@ -162,7 +163,6 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	rls->gain = rls->zeta + rows;
 	rls->work = rls->gain + rows;
 	rls->error = rls->work + 3 * rows;
-	rls->undo = rls->error + rls->n_lifted_padded;
 	rls->theta_bound = 0;
 	rls->covariance_scale = 1;
 	reset_covariance(rls, rls->config.p0);
@@ -240,7 +240,7 @@ static GLUE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real
 static GLUE int compute_gain(KOOP(rls) *rls, KOOP(step) *step, int *frozen, real *denominator) {
 	const KOOP(extension) *extension = rls->config.regulator->extension;
 	const real s = rls->config.form->gain(rls);
-	const int status = extension ? extension->engine->adjust(rls, s, step, frozen) : KOOP_OK;
+	const int status = extension ? extension->engine->tune(rls, s, step, frozen) : KOOP_OK;
 	return status == KOOP_OK ? finish_gain(rls, step, s, denominator) : status;
 }
 
@@ -248,7 +248,7 @@ static GLUE int compute_gain(KOOP(rls) *rls, KOOP(step) *step, int *frozen, real
 static GLUE int apply_step(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const KOOP(extension) *extension = rls->config.regulator->extension;
 	const int status = step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
-	return status == KOOP_OK && extension ? extension->engine->reshape(rls) : status;
+	return status == KOOP_OK && extension ? extension->engine->finish(rls) : status;
 }
 
 /* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
@@ -302,7 +302,7 @@ static GLUE int change_model(KOOP(rls) *rls, real innovation, int *frozen) {
 
 static GLUE int learn(KOOP(rls) *rls, real innovation, int *frozen) {
 	const KOOP(extension) *extension = rls->config.regulator->extension;
-	if (extension) { return extension->engine->learn(rls, innovation, frozen); }
+	if (extension) { return extension->engine->attend(rls, innovation, frozen); }
 	return change_model(rls, innovation, frozen);
 }
 

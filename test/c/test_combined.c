@@ -66,7 +66,7 @@ static void check_gaussians(const KOOP(dictionary) *paper, size_t n, const unsig
 		centers[2 * i + 1] = -reach + 2 * reach * (real)(i % 4) / 3;
 		widths[i] = sigma;
 	}
-	const KOOP(rbf) rbf = {states, 2, 16, centers, widths, KOOP(gaussian)};
+	const KOOP(rbf) rbf = {states, 2, 16, centers, widths, &KOOP(gaussian)};
 	const KOOP(angles) angles = {turned, n_turned, wrapped_too};
 	const KOOP(part) parts[] = {{&KOOP(part_rbf), &rbf}, {&KOOP(part_angles), &angles}};
 	random_source random = random_seed(93);
@@ -88,8 +88,8 @@ static void test_gaussians_of_the_paper_are_instances(void) {
 
 /* Every kernel, of one to nine centres, so that the last four are full or not. */
 static void test_kernels(void) {
-	static void (*const kernels[])(real *) = {KOOP(gaussian), KOOP(inverse_quadratic), KOOP(inverse_multiquadric),
-	                                          KOOP(multiquadric), KOOP(thin_plate)};
+	static const KOOP(kernel) *const kernels[] = {&KOOP(gaussian), &KOOP(inverse_quadratic), &KOOP(inverse_multiquadric),
+	                                              &KOOP(multiquadric), &KOOP(thin_plate)};
 	static const unsigned char states[] = {2, 0};
 	random_source random = random_seed(94);
 	for (size_t k = 0; k < 5 * 9; k++) {
@@ -126,7 +126,7 @@ static void test_thin_plate_over_the_range(void) {
 		if (k == 0) { square[0] = 0, square[1] = REAL_MIN / 2, square[2] = 1, square[3] = REAL_MIN; }
 		real value[4];
 		memcpy(value, square, sizeof value);
-		KOOP(thin_plate)(value);
+		KOOP(thin_plate).values(value);
 		for (int i = 0; i < 4; i++) {
 			const double s = (double)square[i], right = s >= (double)REAL_MIN ? s * (log(s) / 2) : 0;
 			CHECK(fabs((double)value[i] - right) <= 4 * (double)REAL_EPSILON * fabs(right), "%g: %g instead of %g", s,
@@ -198,13 +198,14 @@ static void test_refused_settings(void) {
 	refused(KOOP_E_RANGE, 3, rbf, NULL);
 
 	const real centers[] = {0, 1}, lost[] = {0, (real)NAN}, widths[] = {1, 2}, none[] = {1, 0}, endless[] = {1, (real)INFINITY};
+	const KOOP(kernel) idle = {NULL};
 	const KOOP(rbf) functions[] = {
-	    {NULL, 1, 2, centers, widths, KOOP(gaussian)}, {good, 0, 2, centers, widths, KOOP(gaussian)},
-	    {bad, 2, 1, centers, widths, KOOP(gaussian)},  {good, 1, 0, centers, widths, KOOP(gaussian)},
-	    {good, 1, 2, NULL, widths, KOOP(gaussian)},    {good, 1, 2, centers, NULL, KOOP(gaussian)},
-	    {good, 1, 2, lost, widths, KOOP(gaussian)},    {good, 1, 2, centers, none, KOOP(gaussian)},
-	    {good, 1, 2, centers, endless, KOOP(gaussian)}, {good, 1, 2, centers, widths, NULL},
-	    {good, 256, 1, centers, widths, KOOP(gaussian)}, {good, 1, 256, centers, widths, KOOP(gaussian)}};
+	    {NULL, 1, 2, centers, widths, &KOOP(gaussian)}, {good, 0, 2, centers, widths, &KOOP(gaussian)},
+	    {bad, 2, 1, centers, widths, &KOOP(gaussian)},  {good, 1, 0, centers, widths, &KOOP(gaussian)},
+	    {good, 1, 2, NULL, widths, &KOOP(gaussian)},    {good, 1, 2, centers, NULL, &KOOP(gaussian)},
+	    {good, 1, 2, lost, widths, &KOOP(gaussian)},    {good, 1, 2, centers, none, &KOOP(gaussian)},
+	    {good, 1, 2, centers, endless, &KOOP(gaussian)}, {good, 1, 2, centers, widths, NULL}, {good, 1, 2, centers, widths, &idle},
+	    {good, 256, 1, centers, widths, &KOOP(gaussian)}, {good, 1, 256, centers, widths, &KOOP(gaussian)}};
 	for (size_t i = 0; i < sizeof functions / sizeof *functions; i++) { refused(KOOP_E_RANGE, 3, rbf, &functions[i]); }
 }
 

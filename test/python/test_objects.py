@@ -103,9 +103,9 @@ def test_headers_are_cxx(tmp_path):
         static float storage32[KOOP_RLS_REALS_SQRT(22, 2)];
         static double storage64[KOOP_RLS_REALS_PLAIN(7, 2)];
         int main() {
-            koopf_config single = {&koopf_rbf_ddr, 2, &koopf_reg_ct, &koopf_form_sqrt, 0.98f, 100, 0, 0, 0,
+            koopf_config single = {&koopf_rbf_ddr, 2, &koopf_reg_ct, 0, &koopf_form_sqrt, 0.98f, 100,
                                    KOOP_CHECK_REFUSE, 0};
-            koopd_config both = {&koopd_poly_ddr, 2, &koopd_reg_ef, &koopd_form_plain, 0.98, 100, 0, 0, 0,
+            koopd_config both = {&koopd_poly_ddr, 2, &koopd_reg_ef, 0, &koopd_form_plain, 0.98, 100,
                                  KOOP_CHECK_REFUSE, 0};
             koopf_rls f;
             koopd_rls d;

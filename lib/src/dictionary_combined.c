@@ -112,9 +112,13 @@ const KOOP(part_kind) KOOP(part_polynomials) = {count_polynomials, write_polynom
 
 /* ---- Radial basis functions ---------------------------------------------------------------- */
 
+static COLD int rbf_is_given(const KOOP(rbf) *own) {
+	return own->kernel && own->kernel->values && own->centers && own->widths;
+}
+
 static COLD size_t count_rbf(const void *context, size_t n_states) {
 	const KOOP(rbf) *own = (const KOOP(rbf) *)context;
-	if (!own || !own->kernel || !own->kernel->values || !own->centers || !own->widths) { return 0; }
+	if (!own || !rbf_is_given(own)) { return 0; }
 	if (own->n > KOOP_MAX_DIM || own->count > KOOP_MAX_DIM) { return 0; }
 	int sound = indices_in_range(own->states, own->n, n_states) && all_finite(own->centers, own->n * own->count);
 	for (size_t i = 0; i < own->count; i++) { sound &= is_within(own->widths[i], REAL_MIN, REAL_MAX); }

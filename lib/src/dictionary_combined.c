@@ -136,15 +136,17 @@ static real rbf_square(const KOOP(rbf) *own, const real *x, size_t i) {
 	return sum;
 }
 
+/* Writes the functions from `first` on, up to four. */
+static void write_four_rbf(const KOOP(rbf) *own, const real *x, size_t first, real *out) {
+	real value[4] = {0, 0, 0, 0};
+	for (size_t k = 0; k < 4 && first + k < own->count; k++) { value[k] = rbf_square(own, x, first + k); }
+	own->kernel->values(value);
+	for (size_t k = 0; k < 4 && first + k < own->count; k++) { out[k] = value[k]; }
+}
+
 static real *write_rbf(const void *context, const real *x, real *out) {
 	const KOOP(rbf) *own = (const KOOP(rbf) *)context;
-	for (size_t i = 0; i < own->count; i += 4) {
-		const size_t count = own->count - i < 4 ? own->count - i : 4;
-		real square[4] = {0, 0, 0, 0};
-		for (size_t k = 0; k < count; k++) { square[k] = rbf_square(own, x, i + k); }
-		own->kernel->values(square);
-		for (size_t k = 0; k < count; k++) { out[i + k] = square[k]; }
-	}
+	for (size_t i = 0; i < own->count; i += 4) { write_four_rbf(own, x, i, out + i); }
 	return out + own->count;
 }
 
@@ -190,8 +192,6 @@ static void lift_combined(const KOOP(dictionary) *self, const real *x, real *psi
 	}
 }
 
-static const KOOP(dictionary) KOOP(combined) = {"", 0, 0, lift_combined, NULL};
-
 /* Adds the functions of a part to *n_lifted. */
 static COLD int add_part(const KOOP(part) *part, size_t n_states, size_t *n_lifted) {
 	if (!part->kind || !part->kind->count || !part->kind->write) { return KOOP_E_NULL; }
@@ -204,6 +204,7 @@ static COLD int add_part(const KOOP(part) *part, size_t n_states, size_t *n_lift
 
 COLD int KOOP(combine)(KOOP(dictionary) *dictionary, const char *name, size_t n_states,
                        const KOOP(combination) *combination) {
+	static const KOOP(dictionary) combined = {"", 0, 0, lift_combined, NULL};
 	if (!dictionary || !name || !combination || !combination->parts) { return KOOP_E_NULL; }
 	if (n_states < 1 || n_states > KOOP_MAX_DIM) { return KOOP_E_SIZE; }
 	size_t n_lifted = n_states;
@@ -211,7 +212,7 @@ COLD int KOOP(combine)(KOOP(dictionary) *dictionary, const char *name, size_t n_
 		const int status = add_part(&combination->parts[i], n_states, &n_lifted);
 		if (status != KOOP_OK) { return status; }
 	}
-	*dictionary = KOOP(combined);
+	*dictionary = combined;
 	dictionary->name = name;
 	dictionary->n_states = n_states;
 	dictionary->n_lifted = n_lifted;

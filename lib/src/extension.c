@@ -47,7 +47,8 @@ static COLD void extension_undo(KOOP(rls) *rls) {
 
 static COLD int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen) {
 	const KOOP(extension) *own = rls->config.regulator->extension;
-	const int status = own->adjust ? own->adjust(rls, s, step) : KOOP_OK;
+	int status = KOOP_OK;
+	if (own->adjust) { status = own->adjust(rls, s, step); }
 	*frozen = !step->update_covariance;
 	return status;
 }

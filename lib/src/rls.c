@@ -54,7 +54,8 @@ static COLD int configure(KOOP(rls) *rls, const KOOP(config) *c, size_t *reals) 
 	const size_t covariance = c->form->reals(rls);
 	*reals = KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, covariance);
 	if (regulator->extension) { *reals += regulator->extension->engine->size(rls, covariance); }
-	return regulator->check ? regulator->check(rls) : KOOP_OK;
+	if (!regulator->check) { return KOOP_OK; }
+	return regulator->check(rls);
 }
 
 COLD int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
@@ -240,7 +241,8 @@ static GLUE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real
 static GLUE int compute_gain(KOOP(rls) *rls, KOOP(step) *step, int *frozen, real *denominator) {
 	const KOOP(extension) *extension = rls->config.regulator->extension;
 	const real s = rls->config.form->gain(rls);
-	const int status = extension ? extension->engine->tune(rls, s, step, frozen) : KOOP_OK;
+	int status = KOOP_OK;
+	if (extension) { status = extension->engine->tune(rls, s, step, frozen); }
 	return status == KOOP_OK ? finish_gain(rls, step, s, denominator) : status;
 }
 

@@ -2,9 +2,11 @@
  * do, and that a refused sample leaves everything as it was. */
 #include "reference.h"
 
-enum { N = 3, M = 2, D = N + M, REALS = sizeof((estimator *)0)->storage / sizeof(real) };
+enum { N = 3, M = 2, D = N + M, REALS = 2 * KOOP_RLS_REALS_PLAIN(N, M) + 2 * KOOP_PAD(D + 2) };
 
+/* Their arrays are of the sizes above, so that all of this fits the memory of a microcontroller. */
 static estimator e;
+static unsigned char model[MODEL_BYTES_P(N, M) + (D + 2) * sizeof(real)];
 
 /* ---- A regulator that uses all of it --------------------------------------------------- */
 
@@ -92,17 +94,24 @@ typedef struct {
 	KOOP(rls) rls;
 } snapshot;
 
-static void check_same(const snapshot *before, const char *where) {
-	CHECK(memcmp(before->kept, e.rls.theta, e.rls.kept * sizeof(real)) == 0, "%s, %s", estimator_name(&e), where);
+static snapshot taken;
+
+static void take_snapshot(void) {
+	TEST_ASSERT_TRUE(e.rls.kept <= REALS);
+	memcpy(taken.kept, e.rls.theta, e.rls.kept * sizeof(real));
+	taken.rls = e.rls;
+}
+
+static void check_same(const char *where) {
+	CHECK(memcmp(taken.kept, e.rls.theta, e.rls.kept * sizeof(real)) == 0, "%s, %s", estimator_name(&e), where);
 	KOOP(rls) now = e.rls;
-	now.gain_square = before->rls.gain_square; /* scratch */
-	CHECK(memcmp(&before->rls, &now, sizeof now) == 0, "%s, %s", estimator_name(&e), where);
+	now.gain_square = taken.rls.gain_square; /* scratch */
+	CHECK(memcmp(&taken.rls, &now, sizeof now) == 0, "%s, %s", estimator_name(&e), where);
 	CHECK_STATUS(KOOP_OK, KOOP(rls_check)(&e.rls));
 	TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
 }
 
 static void test_refusal_leaves_memory_and_covariance(void) {
-	static snapshot before;
 	for (int f = 0; f < FORMS; f++) {
 		for (int where = 1; where <= 5; where++) {
 			random_source random = random_seed(71);
@@ -111,15 +120,14 @@ static void test_refusal_leaves_memory_and_covariance(void) {
 			start(&everything, all_forms[f]);
 			plan.factor = (real)1.01, plan.information = (real)0.1, plan.covariance = (real)0.01;
 			teach(&random, 20);
-			memcpy(before.kept, e.rls.theta, e.rls.kept * sizeof(real));
-			before.rls = e.rls;
+			take_snapshot();
 			sample(&random, zeta, psi_next);
 			plan.refuse_in = where <= 3 ? where : 0;
 			if (where == 4) { plan.information = 1 / REAL_MAX; } /* P has been scaled by then */
 			if (where == 5) { plan.weight = REAL_MAX; }          /* Theta does not fit */
 			const int expected = where <= 4 ? KOOP_E_RANGE : KOOP_E_OVERFLOW;
 			CHECK_STATUS(expected, estimator_update(&e, zeta, psi_next, &health));
-			check_same(&before, where == 1 ? "decide" : where == 2 ? "adjust" : "reshape");
+			check_same(where == 1 ? "decide" : where == 2 ? "adjust" : "reshape");
 			plan.refuse_in = 0, plan.information = (real)0.1, plan.weight = 1;
 			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
 			TEST_ASSERT_EQUAL_INT(0, health.frozen);
@@ -143,14 +151,12 @@ static void test_memory_of_a_sample_that_is_not_learned(void) {
 		teach(&random, 1);
 		learned_take(&after, &e);
 		TEST_ASSERT_FALSE(learned_same_theta(&before, &after, &e));
-		static snapshot now;
-		memcpy(now.kept, e.rls.theta, e.rls.kept * sizeof(real));
-		now.rls = e.rls;
+		take_snapshot();
 		real zeta[D], psi_next[N];
 		sample(&random, zeta, psi_next);
 		plan.refuse_in = 1;
 		CHECK_STATUS(KOOP_E_RANGE, estimator_update(&e, zeta, psi_next, NULL));
-		check_same(&now, "memory alone");
+		check_same("memory alone");
 	}
 }
 
@@ -206,37 +212,33 @@ static void test_reset_of_covariance_restarts_the_memory(void) {
 
 /* A stored model brings the memory back with P, and another regulator's is refused. */
 static void test_stored_model_has_the_memory(void) {
-	static unsigned char bytes[9000];
-	static estimator loaded;
 	for (int f = 0; f < FORMS; f++) {
 		random_source random = random_seed(76);
 		start(&everything, all_forms[f]);
 		teach(&random, 12);
-		const size_t size = (TEST_DOUBLE ? KOOPD_MODEL_BYTES_P(N, M) : KOOPF_MODEL_BYTES_P(N, M)) +
-		                    (D + 2) * sizeof(real);
-		CHECK_STATUS(KOOP_E_STORAGE, KOOP(model_save_covariance)(&e.rls, bytes, size - 1));
-		CHECK_STATUS(KOOP_OK, KOOP(model_save_covariance)(&e.rls, bytes, size));
-		estimator_default(&loaded, N, M, &everything, all_forms[f]);
-		CHECK_STATUS(KOOP_OK, KOOP(model_load)(&loaded.rls, bytes, size));
-		TEST_ASSERT_EQUAL_MEMORY(e.rls.memory, loaded.rls.memory, (D + 2) * sizeof(real));
-		estimator_default(&loaded, N, M, &remembers, all_forms[f]);
-		CHECK_STATUS(KOOP_E_MODEL, KOOP(model_load)(&loaded.rls, bytes, size));
-		estimator_default(&loaded, N, M, &KOOP(reg_ef), all_forms[f]);
-		CHECK_STATUS(KOOP_E_MODEL, KOOP(model_load)(&loaded.rls, bytes, size));
+		real memory[D + 2];
+		memcpy(memory, e.rls.memory, sizeof memory);
+		CHECK_STATUS(KOOP_E_STORAGE, KOOP(model_save_covariance)(&e.rls, model, sizeof model - 1));
+		CHECK_STATUS(KOOP_OK, KOOP(model_save_covariance)(&e.rls, model, sizeof model));
+		estimator_default(&e, N, M, &everything, all_forms[f]);
+		CHECK_STATUS(KOOP_OK, KOOP(model_load)(&e.rls, model, sizeof model));
+		TEST_ASSERT_EQUAL_MEMORY(memory, e.rls.memory, sizeof memory);
+		estimator_default(&e, N, M, &remembers, all_forms[f]);
+		CHECK_STATUS(KOOP_E_MODEL, KOOP(model_load)(&e.rls, model, sizeof model));
+		estimator_default(&e, N, M, &KOOP(reg_ef), all_forms[f]);
+		CHECK_STATUS(KOOP_E_MODEL, KOOP(model_load)(&e.rls, model, sizeof model));
 	}
 }
 
 /* Theta alone is what it always was, and leaves the memory. */
 static void test_stored_theta_leaves_the_memory(void) {
-	static unsigned char bytes[9000];
 	random_source random = random_seed(77);
 	start(&everything, &KOOP(form_sqrt));
 	teach(&random, 12);
 	real memory[D + 2];
 	memcpy(memory, e.rls.memory, sizeof memory);
-	const size_t size = TEST_DOUBLE ? KOOPD_MODEL_BYTES(N, M) : KOOPF_MODEL_BYTES(N, M);
-	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&e.rls, bytes, size));
-	CHECK_STATUS(KOOP_OK, KOOP(model_load)(&e.rls, bytes, size));
+	CHECK_STATUS(KOOP_OK, KOOP(model_save)(&e.rls, model, MODEL_BYTES(N, M)));
+	CHECK_STATUS(KOOP_OK, KOOP(model_load)(&e.rls, model, MODEL_BYTES(N, M)));
 	TEST_ASSERT_EQUAL_MEMORY(memory, e.rls.memory, sizeof memory);
 }
 
@@ -246,12 +248,12 @@ static size_t more_reals(const KOOP(rls) *rls) {
 }
 
 static void test_gate_saves_the_memory(void) {
-	static real storage[3 * REALS];
+	static real storage[REALS];
 	static KOOP(gate) gate;
 	random_source random = random_seed(78);
 	start(&everything, &KOOP(form_plain));
 	teach(&random, 12);
-	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, 3 * REALS));
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
 	TEST_ASSERT_EQUAL_MEMORY(e.rls.memory, gate.saved.memory, (D + 2) * sizeof(real));
 
 	static const KOOP(setting) size = {"size", 1, 20};
@@ -262,7 +264,7 @@ static void test_gate_saves_the_memory(void) {
 	plan.unlearned = 1;
 	estimator_settings(&e, 1, 1, &grown, &KOOP(form_plain));
 	CHECK_STATUS(KOOP_OK, KOOP(rls_init)(&e.rls, &e.config, e.storage, REALS));
-	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, 3 * REALS));
+	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, NULL, &e.rls, storage, REALS));
 	e.config.settings = &eight;
 	CHECK_STATUS(KOOP_OK, KOOP(rls_init)(&e.rls, &e.config, e.storage, REALS));
 	const real zeta[2] = {0}, psi_next[1] = {0};
@@ -375,12 +377,10 @@ static void test_covariance_resetting(void) {
 static void test_further_changes_check_what_they_get(void) {
 	static const double bad[] = {0, -1, (double)NAN, (double)INFINITY};
 	for (int f = 0; f < FORMS; f++) {
-		static snapshot before;
 		real v[D] = {1, 1, 0, 1, 1}, lost[D] = {1, (real)NAN}, huge[D] = {REAL_MAX};
 		KOOP(rls) none = {0};
 		start(&everything, all_forms[f]);
-		memcpy(before.kept, e.rls.theta, e.rls.kept * sizeof(real));
-		before.rls = e.rls;
+		take_snapshot();
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_add_information)(NULL, v, 1));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_add_information)(&none, v, 1));
 		CHECK_STATUS(KOOP_E_NULL, KOOP(rls_add_information)(&e.rls, NULL, 1));
@@ -396,7 +396,7 @@ static void test_further_changes_check_what_they_get(void) {
 		CHECK_STATUS(KOOP_E_INPUT, KOOP(rls_add_covariance)(&e.rls, lost, 1));
 		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(rls_add_information)(&e.rls, huge, 1));
 		CHECK_STATUS(KOOP_E_OVERFLOW, KOOP(rls_add_covariance)(&e.rls, huge, 1));
-		check_same(&before, "arguments");
+		check_same("arguments");
 	}
 }
 

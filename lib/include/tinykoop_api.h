@@ -171,8 +171,6 @@ typedef struct KOOP(engine) {
 	size_t (*size)(struct KOOP(rls) *rls, size_t covariance);
 	void (*restart)(struct KOOP(rls) *rls);
 	int (*attend)(struct KOOP(rls) *rls, KOOP_REAL innovation, int *frozen);
-	int (*tune)(struct KOOP(rls) *rls, KOOP_REAL s, KOOP(step) *step, int *frozen);
-	int (*finish)(struct KOOP(rls) *rls);
 } KOOP(engine);
 
 extern const KOOP(engine) KOOP(reg_engine);

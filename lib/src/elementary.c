@@ -125,7 +125,7 @@ static void sine_cosine(KOOP(angle) *angle, real *out) {
 }
 
 /* The angle in [-pi, pi]. After sine_cosine() it is the atan2() of its results. */
-static real wrapped(const KOOP(angle) *angle) {
+static INLINE real wrapped(const KOOP(angle) *angle) {
 	const real quarter = (real)1.5707963267948966;
 	const uint32_t quarters = angle->quarters & 3;
 	real turn = (real)quarters;

@@ -65,14 +65,13 @@ static COLD int extension_finish(KOOP(rls) *rls) {
 
 static COLD int extension_attend(KOOP(rls) *rls, real innovation, int *frozen) {
 	extension_keep(rls);
-	const int status = change_model(rls, innovation, frozen);
+	const int status = change_model(rls, 1, innovation, frozen);
 	if (status != KOOP_OK) { extension_undo(rls); }
 	seal(rls); /* the memory can change where the model does not */
 	return status;
 }
 
-const KOOP(engine) KOOP(reg_engine) = {extension_size, extension_restart, extension_attend, extension_tune,
-                                       extension_finish};
+const KOOP(engine) KOOP(reg_engine) = {extension_size, extension_restart, extension_attend};
 
 /* ---- Further changes of P --------------------------------------------------------- */
 

@@ -126,7 +126,7 @@ static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real d
 static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded, size = KOOP_TRIANGLE(d);
 	real *S = rls->covariance, *f = rls->work, *b = rls->work + rows, *up = rls->work + 2 * rows;
-	/* with a negative denominator P grows along the gain, and nothing is left to subtract */
+	/* with a negative denominator P grows along the gain, and with f = 0 nothing is subtracted */
 	const int grows = denominator < 0;
 	const real *along = grows ? rls->gain : rls->zeta;
 	const real root = MATH(sqrt)(grows ? -denominator : step->inflate);
@@ -141,7 +141,7 @@ static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomina
 		sqrt_project(rls);
 	}
 	if (grows) { scaled(f, 0, f, rows); }
-	carlson(S, f, b, grows ? 1 : step->noise, MATH(sqrt)(step->scale), d);
+	carlson(S, f, b, step->noise, MATH(sqrt)(step->scale), d);
 	if (step->trace > 0) {
 		scaled(S, MATH(sqrt)(step->trace / dot(S, S, size)), S, size);
 		bound = MATH(sqrt)(step->trace) * 2;

@@ -12,39 +12,31 @@ static COLD int numbers_in_range(const KOOP(config) *c) {
 
 /* ---- The regulator's settings and memory ----------------------------------------- */
 
-static COLD const void *settings_of(const KOOP(config) *c) {
-	return c->settings ? c->settings : c->regulator->defaults;
-}
-
 static COLD int settings_in_range(const KOOP(regulator) *regulator, const real *value) {
-	int in_range = 1;
 	for (size_t i = 0; i < regulator->n_settings; i++) {
 		const KOOP(setting) *s = &regulator->settings[i];
-		in_range &= value[i] >= s->low && value[i] <= s->high; /* NaN is not */
+		if (!(value[i] >= s->low && value[i] <= s->high)) { return 0; } /* or NaN */
 	}
-	return in_range;
+	return 1;
 }
 
-static COLD int regulator_is_given(const KOOP(regulator) *regulator, const void *settings) {
-	return regulator->decide && (settings || regulator->n_settings == 0);
+static COLD int regulator_is_given(const KOOP(config) *c) {
+	return c->regulator->decide && (c->settings || c->regulator->n_settings == 0);
 }
 
 static COLD int config_check(const KOOP(config) *c) {
-	if (!c || !c->regulator || !c->form) { return KOOP_E_NULL; }
-	if (!regulator_is_given(c->regulator, settings_of(c))) { return KOOP_E_NULL; }
+	if (!regulator_is_given(c)) { return KOOP_E_NULL; }
 	const int status = dictionary_check(c->dictionary);
 	if (status != KOOP_OK) { return status; }
 	/* an n_inputs of 0 wraps to the largest number */
 	if (c->n_inputs - 1 >= KOOP_MAX_DIM - c->dictionary->n_lifted) { return KOOP_E_SIZE; }
 	if (!numbers_in_range(c)) { return KOOP_E_RANGE; }
-	return settings_in_range(c->regulator, (const real *)settings_of(c)) ? KOOP_OK : KOOP_E_RANGE;
+	return settings_in_range(c->regulator, (const real *)c->settings) ? KOOP_OK : KOOP_E_RANGE;
 }
 
-/* Copies the configuration, which has been checked, and finds the number of reals of storage that it needs. */
-static COLD int configure(KOOP(rls) *rls, const KOOP(config) *c, size_t *reals) {
-	const KOOP(regulator) *regulator = c->regulator;
-	rls->config = *c;
-	rls->config.settings = settings_of(c);
+/* Finds the sizes, and the number of reals of storage. */
+static COLD int configure_sizes(KOOP(rls) *rls, size_t *reals) {
+	const KOOP(config) *c = &rls->config;
 	rls->n_lifted = c->dictionary->n_lifted;
 	rls->n_regressors = rls->n_lifted + c->n_inputs;
 	rls->n_lifted_padded = KOOP_PAD(rls->n_lifted);
@@ -53,23 +45,35 @@ static COLD int configure(KOOP(rls) *rls, const KOOP(config) *c, size_t *reals) 
 	rls->n_memory = 0;
 	const size_t covariance = c->form->reals(rls);
 	*reals = KOOP_RLS_REALS(rls->n_lifted, rls->n_regressors, covariance);
-	if (regulator->extension) { *reals += regulator->extension->engine->size(rls, covariance); }
-	if (!regulator->check) { return KOOP_OK; }
-	return regulator->check(rls);
+	if (c->regulator->extension) { *reals += c->regulator->extension->engine->size(rls, covariance); }
+	if (!c->regulator->check) { return KOOP_OK; }
+	return c->regulator->check(rls);
+}
+
+/* Checks the configuration, copies it, and finds the sizes. */
+static COLD int configure(KOOP(rls) *rls, const KOOP(config) *c, size_t *reals) {
+	if (!c || !c->regulator || !c->form) { return KOOP_E_NULL; }
+	rls->config = *c;
+	if (!c->settings) { rls->config.settings = c->regulator->defaults; }
+	const int status = config_check(&rls->config);
+	return status == KOOP_OK ? configure_sizes(rls, reals) : status;
 }
 
 COLD int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals) {
 	KOOP(rls) rls;
-	const int status = config_check(config);
+	size_t needed;
+	const int status = configure(&rls, config, &needed);
 	if (status != KOOP_OK) { return status; }
-	return reals ? configure(&rls, config, reals) : KOOP_E_NULL;
+	if (!reals) { return KOOP_E_NULL; }
+	*reals = needed;
+	return KOOP_OK;
 }
 
 /* Returns 1 if the memory, 1 / (1 - lambda) samples, is shorter than the number of unknowns in a row of
  * Theta. */
-static COLD int memory_is_short(const KOOP(config) *c) {
-	const real unknowns = (real)(c->dictionary->n_lifted + c->n_inputs);
-	return c->regulator->forgets && (1 - c->lambda) * unknowns > 1;
+static COLD int memory_is_short(const KOOP(rls) *rls) {
+	const KOOP(config) *c = &rls->config;
+	return c->regulator->forgets && (1 - c->lambda) * (real)rls->n_regressors > 1;
 }
 
 /* ---- Flipped bits in the learned model ------------------------------------------- */
@@ -137,7 +141,7 @@ COLD int KOOP(rls_check)(KOOP(rls) *rls) {
 /* ---- Start ---------------------------------------------------------------------- */
 
 /* P = p0 I, and the regulator starts again. */
-static COLD void reset_covariance(KOOP(rls) *rls, real p0) {
+static INLINE void reset_covariance(KOOP(rls) *rls, real p0) {
 	rls->config.form->reset(rls, p0);
 	rls->positive_definite = 1;
 	const KOOP(extension) *extension = rls->config.regulator->extension;
@@ -145,13 +149,14 @@ static COLD void reset_covariance(KOOP(rls) *rls, real p0) {
 }
 
 COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
+	KOOP(rls) fresh = {0};
 	size_t needed;
-	const int status = KOOP(rls_reals)(config, &needed);
+	const int status = configure(&fresh, config, &needed);
 	if (status != KOOP_OK) { return status; }
 	if (!rls || !storage) { return KOOP_E_NULL; }
 	if (reals < needed) { return KOOP_E_STORAGE; }
 
-	(void)configure(rls, config, &needed);
+	*rls = fresh;
 	const size_t rows = rls->n_regressors_padded;
 
 	for (size_t i = 0; i < needed; i++) { storage[i] = 0; }
@@ -167,7 +172,7 @@ COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storag
 	rls->theta_bound = 0;
 	rls->covariance_scale = 1;
 	reset_covariance(rls, rls->config.p0);
-	rls->short_memory = memory_is_short(&rls->config);
+	rls->short_memory = memory_is_short(rls);
 	rls->repaired = 0;
 	seal(rls);
 	return KOOP_OK;
@@ -216,7 +221,7 @@ GLUE int KOOP(rls_predict)(KOOP(rls) *rls, const real *psi, const real *u, real 
 }
 
 /* Writes the denominator noise + s to *denominator, and makes P zeta in rls->gain the gain K. */
-static GLUE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real *denominator) {
+static INLINE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real *denominator) {
 	const size_t rows = rls->n_regressors_padded;
 	if (step->inflate > 0) {
 		const real square = dot(rls->zeta, rls->zeta, rows);
@@ -237,25 +242,27 @@ static GLUE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, real
 	return KOOP_OK;
 }
 
+/* What the extension does in the course of a sample. */
+static int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen);
+static int extension_finish(KOOP(rls) *rls);
+
 /* Computes the gain K and the denominator, for the step as the regulator has it in the end. */
-static GLUE int compute_gain(KOOP(rls) *rls, KOOP(step) *step, int *frozen, real *denominator) {
-	const KOOP(extension) *extension = rls->config.regulator->extension;
+static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, int *frozen,
+                               real *denominator) {
 	const real s = rls->config.form->gain(rls);
-	int status = KOOP_OK;
-	if (extension) { status = extension->engine->tune(rls, s, step, frozen); }
+	const int status = extended ? extension_tune(rls, s, step, frozen) : KOOP_OK;
 	return status == KOOP_OK ? finish_gain(rls, step, s, denominator) : status;
 }
 
 /* Changes P. */
-static GLUE int apply_step(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
-	const KOOP(extension) *extension = rls->config.regulator->extension;
+static INLINE int apply_step(KOOP(rls) *rls, int extended, const KOOP(step) *step, real denominator) {
 	const int status = step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
-	return status == KOOP_OK && extension ? extension->engine->finish(rls) : status;
+	return status == KOOP_OK && extended ? extension_finish(rls) : status;
 }
 
 /* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
-static GLUE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
-                                   real *bound) {
+static INLINE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
+                                     real *bound) {
 	const real size = innovation * MATH(sqrt)(rls->gain_square);
 	const real growth = step->update_theta ? size * step->weight : 0;
 	*bound = rls->theta_bound + growth;
@@ -276,8 +283,9 @@ static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const r
 	return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
 }
 
-/* Updates Theta and P by the innovation. *frozen: 1 if P stays unchanged. */
-static GLUE int change_model(KOOP(rls) *rls, real innovation, int *frozen) {
+/* Updates Theta and P by the innovation. *frozen: 1 if P stays unchanged. In line, with a constant `extended`: a
+ * program whose regulator has no extension links nothing of it. */
+static INLINE int change_model(KOOP(rls) *rls, int extended, real innovation, int *frozen) {
 	const real lambda = rls->config.lambda;
 	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 0, 1, 1, 1};
 	real denominator, bound;
@@ -287,10 +295,10 @@ static GLUE int change_model(KOOP(rls) *rls, real innovation, int *frozen) {
 	*frozen = !step.update_covariance;
 	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
 
-	status = compute_gain(rls, &step, frozen, &denominator);
+	status = compute_gain(rls, extended, &step, frozen, &denominator);
 	if (status != KOOP_OK) { return status; }
 	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
-	status = apply_step(rls, &step, denominator);
+	status = apply_step(rls, extended, &step, denominator);
 	if (status != KOOP_OK) { return status; }
 
 	/* nothing can fail from here on */
@@ -302,11 +310,15 @@ static GLUE int change_model(KOOP(rls) *rls, real innovation, int *frozen) {
 	return KOOP_OK;
 }
 
+static GLUE int learn_plainly(KOOP(rls) *rls, real innovation, int *frozen) {
+	return change_model(rls, 0, innovation, frozen);
+}
+
 /* In line: a frame less on the stack of its callers. */
 static INLINE int learn(KOOP(rls) *rls, real innovation, int *frozen) {
 	const KOOP(extension) *extension = rls->config.regulator->extension;
 	if (extension) { return extension->engine->attend(rls, innovation, frozen); }
-	return change_model(rls, innovation, frozen);
+	return learn_plainly(rls, innovation, frozen);
 }
 
 #define WINDUP_RATIO 100 /* trace over initial trace */

@@ -52,7 +52,7 @@ typedef struct {
 	KOOP(constant_trace) trace;
 	KOOP(information_floor) floor;
 	KOOP(rls) rls;
-	real storage[2 * KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M)]; /* whatever a regulator needs besides */
+	real storage[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M)]; /* a listed regulator with a memory would need more */
 } estimator;
 
 /* lambda 0.95, p0 10, delta 0.1, the default trace and threshold, KOOP_CHECK_REFUSE */

@@ -226,6 +226,7 @@ def test_calls_through_tables_count(tmp_path):
         f'edge: {{ sourcename: "koopf_f" targetname: "__indirect_call" label: "{source}:1:5" }}\n'
     )
     relocations = "RELOCATION RECORDS FOR [.rodata.table]:\n00 R_ARM_ABS32  plain_gain\n04 R_ARM_ABS32  .text.sqrt_gain\n"
+    relocations += "RELOCATION RECORDS FOR [.srodata.kernel]:\n00 R_RISCV_32  values_gaussian\n"
     tables = callgraph.held_in_tables(relocations)
-    assert tables == {"plain_gain", "sqrt_gain"}
+    assert tables == {"plain_gain", "sqrt_gain", "values_gaussian"}
     assert callgraph.deepest(graph, tables) == {"koopf_f": (40, ["koopf_f", "sqrt_gain"])}

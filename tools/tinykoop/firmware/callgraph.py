@@ -16,7 +16,7 @@ USERS = ("adjust", "memory", "reshape")  # calls that only a user's regulator ha
 def held_in_tables(relocations):
     """The functions whose addresses lie in constant data (dictionaries, regulators, forms), by objdump -r."""
     sections = re.split(r"RELOCATION RECORDS FOR \[(.*)\]:", relocations)
-    data = [text for name, text in zip(sections[1::2], sections[2::2]) if name.startswith((".rodata", ".data"))]
+    data = [text for name, text in zip(sections[1::2], sections[2::2]) if re.match(r"\.s?(ro)?data", name)]  # .s: small, on RISC-V
     return set(re.findall(r"\s(?:\.text\.(?:unlikely\.|hot\.)?)?([a-z]\w+)(?:[+-]0x\w+)?$", "".join(data), re.MULTILINE))
 
 

@@ -147,8 +147,8 @@ struct KOOP(config);
  *     P = (P + inflate zeta zeta' - g g' / (noise + s)) scale  if update_covariance
  *
  * A forgetting factor that changes with every sample is noise = lambda, scale = 1 / lambda. A negative noise
- * with noise + s < 0, and inflate = 0, adds to P along g, as directional forgetting does (Kulhavy and Karny, 1984); `weight`
- * then makes up for the other denominator of Theta. */
+ * with noise + s < 0, and inflate = 0, adds to P along g, as directional forgetting does (Kulhavy and Karny,
+ * 1984); `weight` then makes up for the other denominator of Theta. */
 typedef struct KOOP(step) {
 	KOOP_REAL noise;   /* lambda, or 1 if `inflate` does the forgetting; not 0 */
 	KOOP_REAL scale;   /* > 0: 1 / lambda for exponential forgetting, else 1 */
@@ -338,7 +338,9 @@ typedef struct KOOP(rls) {
 int KOOP(rls_reals)(const KOOP(config) *config, size_t *reals);
 
 /* Starts an estimator with Theta = 0 and P = p0 I. `storage` (`reals` reals; KOOP_RLS_REALS_SQRT or
- * KOOP_RLS_REALS_PLAIN suffice for a regulator without memory) must outlive `rls`; its content does not matter. `config` is copied.
+ * KOOP_RLS_REALS_PLAIN suffice for a regulator without memory) must outlive `rls`; its content does not matter.
+ * `config` is copied, but not what it points to.
+ *
  * KOOP_E_SIZE, KOOP_E_RANGE: as rls_reals(). KOOP_E_STORAGE: `reals` is too small. */
 int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, KOOP_REAL *storage, size_t reals);
 
@@ -363,9 +365,9 @@ int KOOP(rls_check)(KOOP(rls) *rls);
  * KOOP_E_INPUT: psi or u is not finite. KOOP_E_OVERFLOW: the prediction is not finite. */
 int KOOP(rls_predict)(KOOP(rls) *rls, const KOOP_REAL *psi, const KOOP_REAL *u, KOOP_REAL *psi_next);
 
-/* Resets P to p0 I and the regulator's memory to its start, and keeps Theta. KOOP_E_RANGE: p0 is below FLT_MIN or DBL_MIN, or above half of the largest
- * real. Do not call it while the model controls the robot: with a large P a few samples change the model
- * entirely. */
+/* Resets P to p0 I and the regulator's memory to its start, and keeps Theta. Do not call it while the model
+ * controls the robot: with a large P a few samples change the model entirely. KOOP_E_RANGE: p0 is below FLT_MIN
+ * or DBL_MIN, or above half of the largest real. */
 int KOOP(rls_reset_covariance)(KOOP(rls) *rls, KOOP_REAL p0);
 
 /* Copies Theta out, N rows of d. */

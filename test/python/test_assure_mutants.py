@@ -241,7 +241,9 @@ def judged(monkeypatch):
     return use
 
 
-def test_writes_what_was_found(judged, tmp_path):
+def test_writes_what_was_found(judged, tmp_path, monkeypatch):
+    (tmp_path / "equivalent.txt").write_text("")  # else a mutant that is drawn and argued to be equivalent would contradict the tests
+    monkeypatch.setattr(mutants, "EQUIVALENT", tmp_path / "equivalent.txt")
     judged("killed")
     assert mutants.run(tmp_path, 20, 1)["killed"] == 20
     assert (tmp_path / "mutants.json").read_text() == '{\n "mutants": 20,\n "killed": 20,\n "equivalent": 0,\n "survivors": []\n}\n'

@@ -2,7 +2,6 @@
 and flown on the host. Its vehicle and its stock controller are the stand-ins', not the firmware's."""
 
 import ctypes
-import functools
 import math
 import os
 import re
@@ -11,6 +10,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from tinykoop.firmware import callgraph
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "targets" / "crazyflie"
@@ -77,38 +77,12 @@ def test_state_lies_in_ccm_without_initial_values(arm, tmp_path):
     assert ram <= 32  # parameters and the handles of the queues
 
 
-def deepest(objects):
-    """{function: (bytes of stack with all that it calls, the calls)}; a call through member m of a struct may
-    reach every function in a table that is named m_*, *_m or m."""
-    graph = "".join(out.with_suffix(".ci").read_text() for out in objects.values())
-    title = r'"(?:[^"]*:)?([^":]+)"'
-    frames = {name: int(size) for name, size in re.findall(rf'title: {title} label: "[^"]*?(\d+) bytes \(', graph)}
-    relocations = "".join(run("arm-none-eabi-objdump", "-r", out) for out in objects.values())
-    parts = re.split(r"RELOCATION RECORDS FOR \[(.*)\]:", relocations)
-    data = "".join(text for name, text in zip(parts[1::2], parts[2::2]) if name.startswith((".rodata", ".data")))
-    tables = set(re.findall(r"R_ARM_ABS32\s+(?:\.text\.)?(\w+)", data))
-    called = {name: set() for name in frames}
-    for source, target, path, line in re.findall(rf'sourcename: {title} targetname: {title}(?: label: "([^"]*):(\d+):\d+")?', graph):
-        if target == "__indirect_call":
-            (member,) = re.findall(r"->(\w+)\(", Path(path).read_text().splitlines()[int(line) - 1])
-            found = {name for name in tables if re.fullmatch(rf"{member}(_.*)?|.*_{member}", name)}
-            assert found, f"who is {member}?"
-            called[source] |= found
-        else:
-            called[source].add(target)
-
-    @functools.cache
-    def depth(name):
-        below = max(map(depth, called.get(name, ())), default=(0, []))
-        return frames.get(name, 0) + below[0], [name, *below[1]]
-
-    return {name: depth(name) for name in frames}
-
-
 @needs_arm
 def test_stack(arm):
     """Half of each task's stack is left: the stabilizer's to the firmware around it, the application's to spare."""
-    depths = deepest(arm)
+    graph = "".join(out.with_suffix(".ci").read_text() for out in arm.values())
+    relocations = "".join(run("arm-none-eabi-objdump", "-r", out) for out in arm.values())
+    depths = callgraph.deepest(graph, callgraph.held_in_tables(relocations), ("controllerOutOfTree", "appMain"))
     (words,) = re.findall(r"CONFIG_APP_STACKSIZE=(\d+)", (EXAMPLE / "app-config").read_text())
     for function, stack in {"controllerOutOfTree": STABILIZER_STACK, "appMain": 4 * int(words)}.items():
         size, path = depths[function]

@@ -57,8 +57,8 @@ def cycle(reached):
     return next(filter(None, map(visit, sorted(reached))), None)
 
 
-def deepest(graph, tables):
-    """{public function: (bytes of stack with all that it calls, the calls)}; libm is not counted."""
+def deepest(graph, tables, others=()):
+    """{function: (bytes of stack with all that it calls, the calls)} of the public ones and `others`; libm is not counted."""
     frames = {name: int(size) for name, size in re.findall(rf'title: {_TITLE} label: "[^"]*?(\d+) bytes \(', graph)}
     reached = calls(graph, tables)
 
@@ -67,4 +67,4 @@ def deepest(graph, tables):
         below = max(map(depth, reached.get(name, ())), default=(0, []))
         return frames.get(name, 0) + below[0], [name, *below[1]]
 
-    return {name: depth(name) for name in frames if name.startswith("koop")}
+    return {name: depth(name) for name in frames if name.startswith("koop") or name in others}

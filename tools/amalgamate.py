@@ -28,7 +28,7 @@ COMMENT_OR_STRING = re.compile(r'/\*.*?\*/|"(?:\\.|[^"\\\n])*"', re.S)
 STATIC_FUNCTION = re.compile(r"^(?:OUT_OF_LINE )?static [^;={}()]*?\b(?!KOOP\b)(\w+)\((?!\()", re.M)
 STATIC_OBJECT = re.compile(r"^static [^(){}]*[;=]", re.M)
 SHARED_ENUM = re.compile(r"^enum \{[^}]*\};\n\n?", re.M)
-TABLE = re.compile(r"^(?:static )?const KOOP\(\w+\) KOOP\(\w+\) = \{.*?\};", re.M | re.S)
+TABLE = re.compile(r"^(?:(?:static )?const KOOP\(\w+\) KOOP\(\w+\)|\tstatic const KOOP\(\w+\) \w+) = \{.*?\};", re.M | re.S)
 
 # What the comments of the headers say of the files of lib/, and what holds here.
 FILE_TALK = (

@@ -149,8 +149,9 @@ static INLINE void reset_covariance(KOOP(rls) *rls, real p0) {
 }
 
 COLD int KOOP(rls_init)(KOOP(rls) *rls, const KOOP(config) *config, real *storage, size_t reals) {
-	KOOP(rls) fresh = {0};
+	KOOP(rls) fresh;
 	size_t needed;
+	(void)memset(&fresh, 0, sizeof fresh);
 	const int status = configure(&fresh, config, &needed);
 	if (status != KOOP_OK) { return status; }
 	if (!rls || !storage) { return KOOP_E_NULL; }

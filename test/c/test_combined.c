@@ -113,6 +113,9 @@ static void test_kernels(void) {
 			}
 			near(3 + count, 1);
 		}
+		real five[5] = {1, 2, 3, 4, 5}; /* a kernel changes four of them */
+		kernels[k % 5]->values(five);
+		TEST_ASSERT_TRUE(five[4] > (real)4.9 && five[4] < (real)5.1);
 	}
 }
 

@@ -3,15 +3,17 @@
 
 typedef struct SIM(controller) {
 	KOOP(mpc) mpc;
-	REAL Q[9], R[4], u_min[2], u_max[2], u_safe[2];
+	REAL *weights;   /* owns Q, R, S, limits and the safe input */
 	REAL *storage;
-	REAL *reference; /* horizon rows of 3 */
+	REAL *reference; /* horizon rows of n */
 	REAL *theta;     /* as rls.theta */
 	REAL *psi, *plan;
+	REAL *u, *u_before; /* m each */
 	double *wide; /* Theta, psi and the reference, for another solver */
 } SIM(controller);
 
 static void SIM(controller_close)(SIM(controller) * c) {
+	free(c->weights);
 	free(c->storage);
 	free(c->reference);
 	free(c->theta);
@@ -20,38 +22,49 @@ static void SIM(controller_close)(SIM(controller) * c) {
 	free(c->wide);
 }
 
+/* Copies `count` reals, zeros where there are none, to *next, which it moves on; returns where they are. */
+static const REAL *SIM(copied)(const double *values, size_t count, REAL **next) {
+	REAL *first = *next;
+	for (size_t i = 0; i < count; i++) { first[i] = values ? (REAL)values[i] : 0; }
+	*next += count;
+	return first;
+}
+
 static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, size_t N) {
+	const size_t n = s->n_states, m = s->n_inputs, H = s->horizon;
 	*c = (SIM(controller)){0};
-	for (size_t i = 0; i < 3; i++) { c->Q[4 * i] = (REAL)s->q[i]; }
-	for (size_t j = 0; j < 2; j++) {
-		c->R[3 * j] = (REAL)s->r[j];
-		c->u_min[j] = (REAL)s->u_min[j];
-		c->u_max[j] = (REAL)s->u_max[j];
+	if (N > KOOP_MAX_DIM || n > KOOP_MAX_DIM || m > KOOP_MAX_DIM || H > KOOP_MPC_MAX_HORIZON) {
+		return fail("controller: %s", KOOP(status_message)(KOOP_E_SIZE));
 	}
-	const KOOP(mpc_config) config = {
-	    .n_lifted = N,
-	    .n_states = 3,
-	    .n_inputs = 2,
-	    .horizon = s->horizon,
-	    .Q = c->Q,
-	    .R = c->R,
-	    .u_min = c->u_min,
-	    .u_max = c->u_max,
-	    .u_safe = c->u_safe,
-	    .tolerance = (REAL)s->tolerance,
-	    .method = s->method,
-	};
-	const size_t reals = KOOP_MPC_REALS_NEWTON(N, 3, 2, s->horizon);
+	const size_t reals = KOOP_MPC_REALS_NEWTON(N, n, m, H) + KOOP_MPC_REALS_RATE(m, H);
+	c->weights = calloc(n * n + 2 * m * m + 5 * m + 1, sizeof(REAL));
 	c->storage = calloc(reals, sizeof(REAL));
-	c->reference = calloc(3 * s->horizon, sizeof(REAL));
-	c->theta = calloc((N + 2) * KOOP_PAD(N), sizeof(REAL));
-	c->psi = calloc(N, sizeof(REAL));
-	c->plan = calloc(2 * s->horizon, sizeof(REAL));
-	c->wide = calloc(N * (N + 2) + N, sizeof(double));
-	if (!c->storage || !c->reference || !c->theta || !c->psi || !c->plan || !c->wide) {
+	c->reference = calloc(n * H + 1, sizeof(REAL));
+	c->theta = calloc((N + m) * KOOP_PAD(N) + 1, sizeof(REAL));
+	c->psi = calloc(N + 1, sizeof(REAL));
+	c->plan = calloc(m * H + 1, sizeof(REAL));
+	c->wide = calloc(N * (N + m) + N + 1, sizeof(double));
+	if (!c->weights || !c->storage || !c->reference || !c->theta || !c->psi || !c->plan || !c->wide) {
 		SIM(controller_close)(c);
 		return fail("out of memory");
 	}
+	REAL *next = c->weights;
+	const KOOP(mpc_config) config = {
+	    .n_lifted = N,
+	    .n_states = n,
+	    .n_inputs = m,
+	    .horizon = H,
+	    .Q = SIM(copied)(s->Q, n * n, &next),
+	    .R = SIM(copied)(s->R, m * m, &next),
+	    .S = s->S ? SIM(copied)(s->S, m * m, &next) : NULL,
+	    .u_min = SIM(copied)(s->u_min, m, &next),
+	    .u_max = SIM(copied)(s->u_max, m, &next),
+	    .u_safe = SIM(copied)(s->u_safe, m, &next),
+	    .tolerance = (REAL)s->tolerance,
+	    .method = s->method,
+	};
+	c->u = next;
+	c->u_before = next + m;
 	const int status = KOOP(mpc_init)(&c->mpc, &config, c->storage, reals);
 	if (status != KOOP_OK) {
 		SIM(controller_close)(c);
@@ -60,29 +73,32 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 	return TK_OK;
 }
 
-/* Theta (N x (N+2)) as rls.theta has it, into c->theta */
+/* Theta (N x d) as rls.theta has it, into c->theta */
 static void SIM(load_theta)(SIM(controller) * c, const double *theta) {
-	const size_t N = c->mpc.config.n_lifted;
+	const size_t N = c->mpc.config.n_lifted, d = N + c->mpc.config.n_inputs;
 	for (size_t i = 0; i < N; i++) {
-		for (size_t j = 0; j < N + 2; j++) { c->theta[j * KOOP_PAD(N) + i] = (REAL)theta[i * (N + 2) + j]; }
+		for (size_t j = 0; j < d; j++) { c->theta[j * KOOP_PAD(N) + i] = (REAL)theta[i * d + j]; }
 	}
 }
 
-static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const double *psi,
-                                 const double *reference, double *plan, tk_solution *solution) {
-	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
-	REAL u[2];
+static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const double *psi, const double *reference,
+                                 const double *u_before, double *u, double *plan, tk_solution *solution) {
+	const KOOP(mpc_config) *config = &c->mpc.config;
+	const size_t m = config->n_inputs, H = config->horizon;
 	KOOP(mpc_result) result = {0};
 	SIM(load_theta)(c, theta);
-	for (size_t i = 0; i < N; i++) { c->psi[i] = (REAL)psi[i]; }
-	for (size_t i = 0; i < 3 * H; i++) { c->reference[i] = (REAL)reference[i]; }
+	for (size_t i = 0; i < config->n_lifted; i++) { c->psi[i] = (REAL)psi[i]; }
+	for (size_t i = 0; i < config->n_states * H; i++) { c->reference[i] = (REAL)reference[i]; }
+	for (size_t j = 0; u_before && j < m; j++) { c->u_before[j] = (REAL)u_before[j]; }
+	const REAL *before = u_before ? c->u_before : NULL;
 	const double start = microseconds();
-	solution->status = KOOP(mpc_solve)(&c->mpc, c->theta, c->psi, c->reference, NULL, u, &result);
+	solution->status = KOOP(mpc_solve)(&c->mpc, c->theta, c->psi, c->reference, before, c->u, &result);
 	solution->microseconds = microseconds() - start;
 	solution->iterations = result.iterations;
 	solution->residual = result.residual;
 	KOOP(mpc_plan)(&c->mpc, c->plan);
-	for (size_t i = 0; i < 2 * H; i++) { plan[i] = c->plan[i]; }
+	for (size_t i = 0; i < m * H; i++) { plan[i] = c->plan[i]; }
+	for (size_t j = 0; u && j < m; j++) { u[j] = c->u[j]; }
 	return TK_OK;
 }
 
@@ -138,7 +154,7 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 	SIM(supervised) g;
 	double x[3];
 	size_t snapshot = 0;
-	if (e->rls.config.dictionary->n_states != 3 || d != N + 2) {
+	if (e->rls.config.dictionary->n_states != 3 || d != N + 2 || settings->n_states != 3 || settings->n_inputs != 2) {
 		return fail("control: the dictionary is not one of the differential-drive robot");
 	}
 	if (supervisor && settings->solver) {

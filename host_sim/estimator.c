@@ -44,6 +44,27 @@ static double microseconds(void) {
 #define REAL float
 #define KOOP(name) koopf_##name
 #define SIM(name) f32_##name
+#include "dictionary_real.h"
+#undef REAL
+#undef KOOP
+#undef SIM
+
+#define REAL double
+#define KOOP(name) koopd_##name
+#define SIM(name) f64_##name
+#include "dictionary_real.h"
+#undef REAL
+#undef KOOP
+#undef SIM
+
+struct tk_dictionary {
+	f32_own f32_own;
+	f64_own f64_own;
+};
+
+#define REAL float
+#define KOOP(name) koopf_##name
+#define SIM(name) f32_##name
 #include "estimator_real.h"
 #include "control_real.h"
 #undef REAL
@@ -82,13 +103,49 @@ int tk_regulator_setting(size_t regulator, size_t setting, const char **name, do
 	return TK_OK;
 }
 
+/* ---- Dictionaries of your own -------------------------------------------------- */
+
+void tk_dictionary_free(tk_dictionary *d) {
+	if (!d) { return; }
+	f32_own_free(&d->f32_own);
+	f64_own_free(&d->f64_own);
+	free(d);
+}
+
+int tk_dictionary_new(const char *name, size_t n_states, size_t n_parts, const tk_part *parts,
+                      tk_dictionary **dictionary) {
+	tk_dictionary *d = calloc(1, sizeof *d);
+	if (!d) { return fail("out of memory"); }
+	if (f32_own_of_parts(&d->f32_own, name, n_states, n_parts, parts) != TK_OK ||
+	    f64_own_of_parts(&d->f64_own, name, n_states, n_parts, parts) != TK_OK) {
+		tk_dictionary_free(d);
+		return TK_ERROR;
+	}
+	*dictionary = d;
+	return TK_OK;
+}
+
+int tk_dictionary_outside(const char *name, size_t n_states, size_t n_lifted, tk_dictionary **dictionary) {
+	tk_dictionary *d = calloc(1, sizeof *d);
+	if (!d) { return fail("out of memory"); }
+	if (f32_own_outside(&d->f32_own, name, n_states, n_lifted) != TK_OK ||
+	    f64_own_outside(&d->f64_own, name, n_states, n_lifted) != TK_OK) {
+		tk_dictionary_free(d);
+		return TK_ERROR;
+	}
+	*dictionary = d;
+	return TK_OK;
+}
+
+/* ---- Estimators ------------------------------------------------------------------ */
+
 struct tk_estimator {
 	f32_estimator *f32; /* one of the two is null */
 	f64_estimator *f64;
 };
 
 int tk_estimator_new(const tk_settings *settings, tk_estimator **estimator) {
-	if (!settings || !estimator || !settings->dictionary || !settings->regulator || !settings->form) {
+	if (!settings || !estimator || !(settings->own || settings->dictionary) || !settings->regulator || !settings->form) {
 		return fail("dictionary, regulator and form must be given");
 	}
 	if (settings->precision != 32 && settings->precision != 64) {
@@ -140,18 +197,38 @@ int tk_estimator_reset_covariance(tk_estimator *e, double p0) {
 	return e->f32 ? f32_reset_covariance(e->f32, p0) : f64_reset_covariance(e->f64, p0);
 }
 
-int tk_estimator_model(const tk_estimator *e, void *bytes, size_t *size) {
-	return e->f32 ? f32_model(e->f32, bytes, size) : f64_model(e->f64, bytes, size);
+int tk_estimator_model(const tk_estimator *e, int covariance, void *bytes, size_t *size) {
+	return e->f32 ? f32_model(e->f32, covariance, bytes, size) : f64_model(e->f64, covariance, bytes, size);
+}
+
+int tk_estimator_load(tk_estimator *e, const void *bytes, size_t size) {
+	return e->f32 ? f32_load(e->f32, bytes, size) : f64_load(e->f64, bytes, size);
+}
+
+int tk_update(tk_estimator *e, int lifted, const double *now, const double *u, const double *next,
+              tk_health *health) {
+	return e->f32 ? f32_update(e->f32, lifted, now, u, next, health)
+	              : f64_update(e->f64, lifted, now, u, next, health);
+}
+
+int tk_predict(tk_estimator *e, int lifted, size_t rows, const double *now, const double *u, double *psi_next) {
+	return e->f32 ? f32_predict(e->f32, lifted, rows, now, u, psi_next)
+	              : f64_predict(e->f64, lifted, rows, now, u, psi_next);
+}
+
+int tk_rollout(tk_estimator *e, int lifted, size_t steps, const double *start, const double *u, double *psi) {
+	return e->f32 ? f32_rollout(e->f32, lifted, steps, start, u, psi)
+	              : f64_rollout(e->f64, lifted, steps, start, u, psi);
 }
 
 int tk_lift(const tk_estimator *e, size_t rows, const double *x, double *psi) {
 	return e->f32 ? f32_lift(e->f32, rows, x, psi) : f64_lift(e->f64, rows, x, psi);
 }
 
-int tk_replay(tk_estimator *e, size_t steps, const double *x, const double *u, const int32_t *usable,
-              int learn, const tk_trace *trace) {
-	return e->f32 ? f32_replay(e->f32, steps, x, u, usable, learn, trace)
-	              : f64_replay(e->f64, steps, x, u, usable, learn, trace);
+int tk_replay(tk_estimator *e, size_t steps, const double *x, const double *psi, const double *u,
+              const int32_t *usable, int learn, const tk_trace *trace) {
+	return e->f32 ? f32_replay(e->f32, steps, x, psi, u, usable, learn, trace)
+	              : f64_replay(e->f64, steps, x, psi, u, usable, learn, trace);
 }
 
 int tk_estimator_soak(tk_estimator *e, size_t steps, const double *zeta, const double *target, size_t repeats,
@@ -204,9 +281,9 @@ int tk_controller_reset(tk_controller *c) {
 }
 
 int tk_controller_solve(tk_controller *c, const double *theta, const double *psi, const double *reference,
-                        double *plan, tk_solution *solution) {
-	return c->f32.storage ? f32_controller_solve(&c->f32, theta, psi, reference, plan, solution)
-	                      : f64_controller_solve(&c->f64, theta, psi, reference, plan, solution);
+                        const double *u_before, double *u, double *plan, tk_solution *solution) {
+	return c->f32.storage ? f32_controller_solve(&c->f32, theta, psi, reference, u_before, u, plan, solution)
+	                      : f64_controller_solve(&c->f64, theta, psi, reference, u_before, u, plan, solution);
 }
 
 int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,
@@ -218,4 +295,8 @@ int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n,
 int tk_threshold(double *scores, size_t count, double eta, double *delta) {
 	const int status = koopd_threshold(scores, count, eta, delta);
 	return status == KOOP_OK ? TK_OK : fail("threshold: %s", koopd_status_message(status));
+}
+
+const char *tk_status_message(int status) {
+	return koopd_status_message(status);
 }

@@ -159,6 +159,7 @@ static const KOOP(form) *SIM(form)(const char *name) {
 typedef struct SIM(estimator) {
 	KOOP(rls) rls;
 	KOOP(gate) gate;
+	KOOP(gate_config) gate_config;
 	int gated;
 	REAL settings[TK_MAX_SETTINGS]; /* of the regulator */
 	REAL *storage, *gate_storage;
@@ -177,15 +178,15 @@ static void SIM(free)(SIM(estimator) * e) {
 }
 
 /* Of the model as it is now. */
-static void SIM(start_gate)(SIM(estimator) * e) {
+static int SIM(start_gate)(SIM(estimator) * e) {
 	size_t reals;
 	KOOP(rls_reals)(&e->rls.config, &reals);
-	KOOP(gate_init)(&e->gate, NULL, &e->rls, e->gate_storage, reals + 3 * e->rls.n_lifted);
+	return KOOP(gate_init)(&e->gate, &e->gate_config, &e->rls, e->gate_storage, reals + 3 * e->rls.n_lifted);
 }
 
 static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	KOOP(config) config = {
-	    .dictionary = SIM(dictionary)(s->dictionary),
+	    .dictionary = s->own ? &s->own->SIM(own).dictionary : SIM(dictionary)(s->dictionary),
 	    .n_inputs = (size_t)s->n_inputs,
 	    .regulator = SIM(regulator)(s->regulator),
 	    .form = SIM(form)(s->form),
@@ -230,8 +231,15 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 		SIM(free)(e);
 		return fail("estimator: %s", KOOP(status_message)(status));
 	}
-	e->gated = s->gate;
-	SIM(start_gate)(e);
+	e->gated = s->gate != NULL;
+	if (s->gate) {
+		e->gate_config = (KOOP(gate_config)){(REAL)s->gate->multiple, (REAL)s->gate->floor, s->gate->patience, s->gate->hold};
+	}
+	status = SIM(start_gate)(e);
+	if (status != KOOP_OK) {
+		SIM(free)(e);
+		return fail("gate: %s", KOOP(status_message)(status));
+	}
 	*out = e;
 	return TK_OK;
 }
@@ -282,19 +290,43 @@ static int SIM(reset_covariance)(SIM(estimator) * e, double p0) {
 	return status == KOOP_OK ? TK_OK : fail("p0: %s", KOOP(status_message)(status));
 }
 
-static int SIM(model)(const SIM(estimator) * e, void *bytes, size_t *size) {
-	const size_t needed = KOOP_MODEL_HEADER_BYTES + sizeof(REAL) * e->rls.n_lifted * e->rls.n_regressors;
+/* Number of reals that a stored P takes. */
+static size_t SIM(stored_covariance)(const KOOP(rls) *rls) {
+	const KOOP(regulator) *regulator = rls->config.regulator;
+	const KOOP(extension) *extension = regulator->extension;
+	const size_t triangle = KOOP_MODEL_TRIANGLE(rls->n_regressors);
+	const size_t inverse = regulator->needs_information && rls->config.form == &KOOP(form_plain) ? triangle : 0;
+	return triangle + inverse + (extension && extension->memory ? extension->memory(rls) : 0);
+}
+
+static int SIM(model)(const SIM(estimator) * e, int covariance, void *bytes, size_t *size) {
+	const size_t reals = e->rls.n_lifted * e->rls.n_regressors + (covariance ? SIM(stored_covariance)(&e->rls) : 0);
+	const size_t needed = KOOP_MODEL_HEADER_BYTES + sizeof(REAL) * reals;
 	if (bytes) {
-		const int status = KOOP(model_save)(&e->rls, bytes, *size);
+		const int status = covariance ? KOOP(model_save_covariance)(&e->rls, bytes, *size)
+		                              : KOOP(model_save)(&e->rls, bytes, *size);
 		if (status != KOOP_OK) { return fail("model: %s", KOOP(status_message)(status)); }
 	}
 	*size = needed;
 	return TK_OK;
 }
 
+static int SIM(load)(SIM(estimator) * e, const void *bytes, size_t size) {
+	const int status = KOOP(model_load)(&e->rls, bytes, size);
+	SIM(start_gate)(e);
+	return status == KOOP_OK ? TK_OK : fail("model: %s", KOOP(status_message)(status));
+}
+
 static int SIM(lift_one)(SIM(estimator) * e, const double *x, REAL *psi) {
 	for (size_t i = 0; i < e->rls.config.dictionary->n_states; i++) { e->x[i] = (REAL)x[i]; }
 	return KOOP(lift)(e->rls.config.dictionary, e->x, psi);
+}
+
+/* psi from a state, or from what the caller lifted: the estimator refuses what is not finite. */
+static int SIM(take)(SIM(estimator) * e, int lifted, const double *values, REAL *psi) {
+	if (!lifted) { return SIM(lift_one)(e, values, psi); }
+	for (size_t i = 0; i < e->rls.n_lifted; i++) { psi[i] = (REAL)values[i]; }
+	return KOOP_OK;
 }
 
 static int SIM(lift)(SIM(estimator) * e, size_t rows, const double *x, double *psi) {
@@ -351,7 +383,58 @@ static int SIM(learn)(SIM(estimator) * e, KOOP(health) *health) {
 	return KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, health);
 }
 
-static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const double *u,
+static int SIM(update)(SIM(estimator) * e, int lifted, const double *now, const double *u, const double *next,
+                       tk_health *out) {
+	KOOP(health) health = {0};
+	int status = SIM(take)(e, lifted, now, e->psi);
+	if (status == KOOP_OK) { status = SIM(take)(e, lifted, next, e->psi_next); }
+	for (size_t j = 0; j < e->rls.config.n_inputs; j++) { e->u[j] = (REAL)u[j]; }
+	if (status == KOOP_OK) { status = SIM(learn)(e, &health); }
+	*out = (tk_health){
+	    .status = status,
+	    .frozen = health.frozen,
+	    .positive_definite = health.positive_definite,
+	    .short_memory = health.short_memory,
+	    .winding_up = health.winding_up,
+	    .trust = e->gated ? KOOP(gate_trust)(&e->gate) : -1,
+	    .innovation = status == KOOP_OK ? (double)health.innovation : (double)NAN,
+	    .trace = health.trace,
+	    .min_diagonal = health.min_diagonal,
+	};
+	return TK_OK;
+}
+
+static int SIM(predict)(SIM(estimator) * e, int lifted, size_t rows, const double *now, const double *u,
+                        double *psi_next) {
+	const size_t N = e->rls.n_lifted, m = e->rls.config.n_inputs;
+	const size_t width = lifted ? N : e->rls.config.dictionary->n_states;
+	for (size_t k = 0; k < rows; k++) {
+		int status = SIM(take)(e, lifted, now + k * width, e->psi);
+		for (size_t j = 0; j < m; j++) { e->u[j] = (REAL)u[k * m + j]; }
+		if (status == KOOP_OK) { status = KOOP(rls_predict)(&e->rls, e->psi, e->u, e->predicted); }
+		if (status != KOOP_OK) { return fail("prediction, row %zu: %s", k, KOOP(status_message)(status)); }
+		for (size_t i = 0; i < N; i++) { psi_next[k * N + i] = e->predicted[i]; }
+	}
+	return TK_OK;
+}
+
+static int SIM(rollout)(SIM(estimator) * e, int lifted, size_t steps, const double *start, const double *u,
+                        double *psi) {
+	const size_t N = e->rls.n_lifted, m = e->rls.config.n_inputs;
+	int status = SIM(take)(e, lifted, start, e->psi);
+	for (size_t k = 0;; k++) {
+		if (status != KOOP_OK) { return fail("rollout, step %zu: %s", k, KOOP(status_message)(status)); }
+		for (size_t i = 0; i < N; i++) { psi[k * N + i] = e->psi[i]; }
+		if (k == steps) { return TK_OK; }
+		for (size_t j = 0; j < m; j++) { e->u[j] = (REAL)u[k * m + j]; }
+		status = KOOP(rls_predict)(&e->rls, e->psi, e->u, e->predicted);
+		REAL *swap = e->psi;
+		e->psi = e->predicted;
+		e->predicted = swap;
+	}
+}
+
+static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const double *psi, const double *u,
                        const int32_t *usable, int learn, const tk_trace *trace) {
 	const size_t n = e->rls.config.dictionary->n_states, m = e->rls.config.n_inputs;
 	const size_t N = e->rls.n_lifted, d = e->rls.n_regressors;
@@ -370,8 +453,10 @@ static int SIM(replay)(SIM(estimator) * e, size_t steps, const double *x, const 
 			snapshot++;
 		}
 		if (!usable || usable[k]) {
-			if (k == 0 || lifted != KOOP_OK) { lifted = SIM(lift_one)(e, x + k * n, e->psi); }
-			const int next = SIM(lift_one)(e, x + (k + 1) * n, e->psi_next);
+			const double *from = psi ? psi : x;
+			const size_t width = psi ? N : n;
+			if (k == 0 || lifted != KOOP_OK) { lifted = SIM(take)(e, psi != NULL, from + k * width, e->psi); }
+			const int next = SIM(take)(e, psi != NULL, from + (k + 1) * width, e->psi_next);
 			for (size_t i = 0; i < m; i++) { e->u[i] = (REAL)u[k * m + i]; }
 			status = lifted != KOOP_OK ? lifted : next;
 			if (status == KOOP_OK) { status = KOOP(rls_predict)(&e->rls, e->psi, e->u, e->predicted); }

@@ -21,6 +21,9 @@
 
 enum { TK_OK = 0, TK_ERROR = -1 };
 
+/* The message of a status of lib/, KOOP_E_..., one line. */
+TK_API const char *tk_status_message(int status);
+
 /* What the last failed call in this thread had to say, one line. */
 TK_API const char *tk_message(void);
 
@@ -211,7 +214,36 @@ TK_API size_t tk_regulator_settings(size_t regulator);
 /* Name, bounds (refused outside) and default of a setting, in float64. */
 TK_API int tk_regulator_setting(size_t regulator, size_t setting, const char **name, double *low, double *high,
                                 double *usual);
+/* A part of a dictionary: constant, angles, products, polynomials or rbf, as KOOP(part_kind) in tinykoop_api.h. */
+typedef struct tk_part {
+	const char *kind;
+	size_t n;                       /* indices in `states`; of products pairs of them */
+	const unsigned char *states;
+	int wrapped;                    /* of angles */
+	size_t low, high;               /* of polynomials */
+	size_t count;                   /* of rbf: count centers (rows of n) and widths, and the kernel's name */
+	const double *centers, *widths;
+	const char *kernel;
+} tk_part;
+
+/* A dictionary of your own, in both precisions. It must outlive the estimators that are made with it. */
+typedef struct tk_dictionary tk_dictionary;
+
+/* Of parts, by koopf_combine() and koopd_combine(); all that is given is copied. */
+TK_API int tk_dictionary_new(const char *name, size_t n_states, size_t n_parts, const tk_part *parts,
+                             tk_dictionary **dictionary);
+/* Whose states the caller lifts: calls take psi instead of x. */
+TK_API int tk_dictionary_outside(const char *name, size_t n_states, size_t n_lifted, tk_dictionary **dictionary);
+TK_API void tk_dictionary_free(tk_dictionary *dictionary);
+
+/* Settings of a gate; zeros mean the library's defaults. */
+typedef struct tk_gate_settings {
+	double multiple, floor;
+	size_t patience, hold;
+} tk_gate_settings;
+
 typedef struct tk_settings {
+	const tk_dictionary *own; /* or null: `dictionary` names one */
 	const char *dictionary; /* poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav; wide_fwmav, N = 40, for timing */
 	const char *regulator;  /* one of tk_regulator_name() */
 	const char *form;       /* plain, sqrt, textbook */
@@ -221,7 +253,7 @@ typedef struct tk_settings {
 	double lambda, p0;
 	size_t n_settings; /* 0: the regulator's defaults; else all of its settings */
 	const double *settings;
-	int gate; /* 1: replays learn through the gate, with its defaults */
+	const struct tk_gate_settings *gate; /* learns through a gate; null: without */
 } tk_settings;
 
 typedef struct tk_estimator tk_estimator;
@@ -234,9 +266,10 @@ TK_API int tk_estimator_get_theta(const tk_estimator *estimator, double *theta);
 TK_API int tk_estimator_set_theta(tk_estimator *estimator, const double *theta);  /* N x (N+m) */
 TK_API int tk_estimator_get_covariance(const tk_estimator *estimator, double *P); /* (N+m)^2 */
 TK_API int tk_estimator_reset_covariance(tk_estimator *estimator, double p0);
-/* The bytes that koopf_model_load() or koopd_model_load() takes; call with
+/* The bytes that koopf_model_load() or koopd_model_load() takes, with P if `covariance`; call with
  * bytes = null for the size. */
-TK_API int tk_estimator_model(const tk_estimator *estimator, void *bytes, size_t *size);
+TK_API int tk_estimator_model(const tk_estimator *estimator, int covariance, void *bytes, size_t *size);
+TK_API int tk_estimator_load(tk_estimator *estimator, const void *bytes, size_t size);
 
 /* psi (rows of N) of x (rows of n), lifted in the estimator's precision. */
 TK_API int tk_lift(const tk_estimator *estimator, size_t rows, const double *x, double *psi);
@@ -261,11 +294,31 @@ typedef struct tk_trace {
 	double *covariance; /* the same number of times (N+m)^2 */
 } tk_trace;
 
-/* Feeds x (steps + 1 rows of n) and u (steps rows of m) through the estimator.
+/* Feeds x (steps + 1 rows of n) and u (steps rows of m) through the estimator. psi (steps + 1 rows of N): x as the
+ * caller lifted it, or null.
  * usable (steps values, may be null: all) tells which transitions may be
  * learned from and scored. learn = 0 only predicts. */
-TK_API int tk_replay(tk_estimator *estimator, size_t steps, const double *x, const double *u,
-                     const int32_t *usable, int learn, const tk_trace *trace);
+TK_API int tk_replay(tk_estimator *estimator, size_t steps, const double *x, const double *psi,
+                     const double *u, const int32_t *usable, int learn, const tk_trace *trace);
+
+/* What an update says of the estimator, as KOOP(health); status: KOOP_OK or why the sample was refused. */
+typedef struct tk_health {
+	int32_t status, frozen, positive_definite, short_memory, winding_up, trust; /* trust: gate_trust(), or -1 */
+	double innovation, trace, min_diagonal;
+} tk_health;
+
+/* Learns from one transition: from `now` by u (m) to `next`, which are states (n), or if `lifted` already lifted (N). */
+TK_API int tk_update(tk_estimator *estimator, int lifted, const double *now, const double *u, const double *next,
+                     tk_health *health);
+
+/* psi one step later (rows of N) from `now` (rows of n, or if `lifted` of N) under u (rows of m). */
+TK_API int tk_predict(tk_estimator *estimator, int lifted, size_t rows, const double *now, const double *u,
+                      double *psi_next);
+
+/* psi (steps + 1 rows of N) from `start` on, a state or if `lifted` already lifted, under u (steps rows of m): the
+ * linear model alone, without lifting again. */
+TK_API int tk_rollout(tk_estimator *estimator, int lifted, size_t steps, const double *start, const double *u,
+                      double *psi);
 
 /* The same recursion on your own regressors instead of a lifted log:
  * zeta (steps rows of N+m) and target (steps rows of N), `repeats` times over.
@@ -283,10 +336,11 @@ TK_API int tk_estimator_soak(tk_estimator *estimator, size_t steps, const double
 /* ---- Control: Koopman-MPC on the learned model --------------------------------- */
 
 typedef struct tk_mpc_settings {
-	size_t horizon;
-	double q[3], r[2];         /* diagonals of Q and R */
-	double u_min[2], u_max[2]; /* m/s, rad/s */
-	double tolerance;          /* of the KKT residual; 0: the library's */
+	size_t n_states, n_inputs, horizon; /* n tracked states, m inputs, H */
+	const double *Q, *R, *S;            /* n x n; m x m; m x m or null */
+	const double *u_min, *u_max;        /* m */
+	const double *u_safe;               /* m, or null: 0 */
+	double tolerance;                   /* of the KKT residual; 0: the library's */
 	int method;                /* KOOP_MPC_... */
 	/* Another solver in the library's place, or null: reads Theta (N x (N+2)), psi (N)
 	 * and the reference (horizon rows of 3), writes the input; not 0: it has none. */
@@ -335,9 +389,11 @@ TK_API int tk_controller_new(const tk_mpc_settings *settings, int precision, siz
 TK_API void tk_controller_free(tk_controller *controller);
 /* Forgets the plan: the next solve is a cold one. */
 TK_API int tk_controller_reset(tk_controller *controller);
-/* plan (horizon rows of 2) for Theta (N x (N+2)), psi (N) and reference (horizon rows of 3). */
+/* plan (horizon rows of m) for Theta (N x (N+m)), psi (N) and reference (horizon rows of n), and u (m), the input
+ * to give: the first of the plan, or the safe input. u_before (m): the input applied last, null without S. */
 TK_API int tk_controller_solve(tk_controller *controller, const double *theta, const double *psi,
-                               const double *reference, double *plan, tk_solution *solution);
+                               const double *reference, const double *u_before, double *u, double *plan,
+                               tk_solution *solution);
 
 /* The library's low-pass in this precision (32 or 64) over x (rows x n), sampled at `rate` (Hz), into y.
  * Begins again after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN.

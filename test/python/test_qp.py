@@ -19,7 +19,7 @@ def instances():
 
 
 def controller(precision):
-    return bridge.Controller(bridge.Mpc(), precision, 22)
+    return bridge.Controller(bridge.Mpc().settings(), precision, 22)
 
 
 def solve(controller, step):
@@ -80,7 +80,7 @@ def test_newton_agrees_with_the_reference(instances, start):
 
 def test_gradient_agrees_with_the_reference(instances):
     """At a tolerance below the library's own: cond(H) turns what is left of the residual into an error of u."""
-    c = bridge.Controller(bridge.Mpc(method=bridge.MPC_GRADIENT, tolerance=1e-11), 64, 22)
+    c = bridge.Controller(bridge.Mpc(method=bridge.MPC_GRADIENT, tolerance=1e-11).settings(), 64, 22)
     for instance in instances:
         error = np.max(np.abs(solve(c, instance.step)[1] - instance.problem.u))
         assert error < 1e-8
@@ -90,7 +90,7 @@ def test_gradient_agrees_with_the_reference(instances):
 def test_reported_residual_is_that_of_the_dense_program(instances, method):
     """Also where a solve stops early."""
     for tolerance in (0.0, 1e-3, 1e-1):
-        c = bridge.Controller(bridge.Mpc(method=method, tolerance=tolerance), 64, 22)
+        c = bridge.Controller(bridge.Mpc(method=method, tolerance=tolerance).settings(), 64, 22)
         for instance in instances[::6]:
             solution, plan = solve(c, instance.step)
             assert np.isclose(solution.residual, qp.residual(instance.problem, plan), rtol=1e-6, atol=1e-10)

@@ -57,7 +57,7 @@ class Instance:
 def record(method, steps, start=(0.0, 0.0, 0.0), active=()):
     """[(step k - 1, step k) for k in steps] of a float64 run of `method` that begins `start` off the reference."""
     estimator, _ = scenario.run(method, 64, *scenario.drive())
-    controller = bridge.Controller(control.MPC, 64, estimator.N)
+    controller = bridge.Controller(control.MPC.settings(), 64, estimator.N)
     seen = []
 
     def solver(theta, psi, reference):

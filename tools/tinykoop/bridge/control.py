@@ -12,11 +12,8 @@ SOLVER = ct.CFUNCTYPE(ct.c_int, DOUBLES, DOUBLES, DOUBLES, DOUBLES)
 
 class _MpcSettings(ct.Structure):
     _fields_ = [
-        ("horizon", ct.c_size_t),
-        ("q", ct.c_double * 3),
-        ("r", ct.c_double * 2),
-        ("u_min", ct.c_double * 2),
-        ("u_max", ct.c_double * 2),
+        *((name, ct.c_size_t) for name in ("n_states", "n_inputs", "horizon")),
+        *((name, DOUBLES) for name in ("Q", "R", "S", "u_min", "u_max", "u_safe")),
         ("tolerance", ct.c_double),
         ("method", ct.c_int),
         ("solver", SOLVER),
@@ -62,10 +59,17 @@ class Mpc:
     method: int = MPC_NEWTON
 
     def settings(self, solver=SOLVER()):
-        return _MpcSettings(
-            self.horizon, (ct.c_double * 3)(*self.q), (ct.c_double * 2)(*self.r), (ct.c_double * 2)(*self.u_min),
-            (ct.c_double * 2)(*self.u_max), self.tolerance, self.method, solver,
-        )  # fmt: skip
+        return mpc_settings(
+            self.horizon, np.diag(self.q), np.diag(self.r), None, self.u_min, self.u_max, None, self.tolerance, self.method, solver
+        )
+
+
+def mpc_settings(horizon, Q, R, S, u_min, u_max, u_safe, tolerance, method, solver=SOLVER()):
+    """Settings as C takes them, for Q (n, n), R and S (m, m), limits and the safe input (m); S and u_safe may be None."""
+    kept = [None if a is None else reals(a) for a in (Q, R, S, u_min, u_max, u_safe)]
+    settings = _MpcSettings(len(kept[0]), len(kept[1]), horizon, *map(doubles, kept), tolerance, method, solver)
+    settings.kept = kept
+    return settings
 
 
 MODELS = ("online", "last good", "offline", "none")  # what the supervisor plans on, KOOP_SUPERVISOR_...
@@ -99,9 +103,10 @@ class Supervisor:
 
 @dataclass(frozen=True)
 class Solution:
-    """What one solve gave: status (not 0: no plan, the safe input), plan (horizon, 2) [m/s, rad/s]."""
+    """What one solve gave: status (not 0: no plan, the safe input), input (m), plan (horizon, m), in units of the inputs."""
 
     status: int
+    u: np.ndarray
     plan: np.ndarray
     residual: float  # KKT, in units of the inputs
     iterations: int
@@ -109,12 +114,13 @@ class Solution:
 
 
 class Controller:
-    """The library's Koopman-MPC by itself, for problems that were written down; N lifted states."""
+    """The library's Koopman-MPC by itself, for N lifted states; settings: of mpc_settings()."""
 
-    def __init__(self, mpc, precision, N):
+    def __init__(self, settings, precision, N):
         self._handle = ct.c_void_p()
-        self._shapes = ((N, N + 2), (N,), (mpc.horizon, 3))
-        settings = mpc.settings()
+        n, m, H = settings.n_states, settings.n_inputs, settings.horizon
+        self._shapes = ((N, N + m), (N,), (H, n))
+        self._inputs, self._plan = m, (H, m)
         call("tk_controller_new", ct.byref(settings), ct.c_int(precision), ct.c_size_t(N), ct.byref(self._handle))
 
     def __del__(self):
@@ -125,12 +131,15 @@ class Controller:
         """Forgets the plan: the next solve is a cold one."""
         call("tk_controller_reset", self._handle)
 
-    def solve(self, theta, psi, reference):
-        """Plans from psi (N) along reference (horizon, 3) on theta (N, N+2); starts from the last plan, shifted."""
+    def solve(self, theta, psi, reference, u_before=None):
+        """Plans from psi (N) along reference (horizon, n) on theta (N, N+m); starts from the last plan, shifted."""
         arrays = [reals(array) for array in (theta, psi, reference)]
         for array, shape in zip(arrays, self._shapes):
             if array.shape != shape:
                 raise ValueError(f"expected shape {shape}, got {array.shape}")
-        plan, solution = np.empty((self._shapes[2][0], 2)), _Solution()
-        call("tk_controller_solve", self._handle, *map(doubles, arrays), doubles(plan), ct.byref(solution))
-        return Solution(solution.status, plan, solution.residual, solution.iterations, solution.microseconds)
+        u, plan, solution = np.empty(self._inputs), np.empty(self._plan), _Solution()
+        before = None if u_before is None else reals(np.reshape(u_before, self._inputs))
+        call(
+            "tk_controller_solve", self._handle, *map(doubles, arrays), doubles(before), doubles(u), doubles(plan), ct.byref(solution)
+        )
+        return Solution(solution.status, u, plan, solution.residual, solution.iterations, solution.microseconds)

@@ -5,7 +5,7 @@ import ctypes as ct
 import numpy as np
 
 from .control import SOLVER
-from .library import DOUBLES, INTS, call, doubles, ints, raw, reals
+from .library import DOUBLES, INTS, address, call, doubles, ints, raw, reals
 from .regulators import setting_values
 from .unmodelled import active_effects
 
@@ -17,8 +17,13 @@ TRUST = ("trusted", "doubtful", "refuse")  # what `trust` counts
 TRACES = ("error", "predicted", "innovation", *FLAGS, "trace", "min_diagonal", "norm_a", "norm_b", "norm_p")
 
 
+class _GateSettings(ct.Structure):
+    _fields_ = [("multiple", ct.c_double), ("floor", ct.c_double), ("patience", ct.c_size_t), ("hold", ct.c_size_t)]
+
+
 class _Settings(ct.Structure):
     _fields_ = [
+        ("own", ct.c_void_p),
         ("dictionary", ct.c_char_p),
         ("regulator", ct.c_char_p),
         ("form", ct.c_char_p),
@@ -29,8 +34,13 @@ class _Settings(ct.Structure):
         ("p0", ct.c_double),
         ("n_settings", ct.c_size_t),
         ("settings", DOUBLES),
-        ("gate", ct.c_int),
+        ("gate", ct.POINTER(_GateSettings)),
     ]
+
+
+class _Health(ct.Structure):
+    _fields_ = [(name, ct.c_int32) for name in ("status", "frozen", "positive_definite", "short_memory", "winding_up", "trust")]
+    _fields_ += [(name, ct.c_double) for name in ("innovation", "trace", "min_diagonal")]
 
 
 class _Trace(ct.Structure):
@@ -82,11 +92,11 @@ class _Soak(ct.Structure):
 class Estimator:
     """The estimator of the C library, in float32 or float64 (precision: 32 or 64).
 
-    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, or wide_fwmav (N = 40, for timing); regulator: one of
+    dictionary: poly_ddr, rbf_ddr, poly_fwmav, rbf_fwmav, wide_fwmav (N = 40, for timing), or an Own; regulator: one of
     regulators(); form: plain, sqrt, or textbook (the form that diverges, for comparison).
     n_inputs, lam, p0: as in koopf_config. check: CHECK_REPORT continues after a loss of positive definiteness, as the
     paper's recursion does.
-    gate: replays learn through the gate, with its defaults.
+    gate: learns through a gate: True, with its defaults, or their values (multiple, floor, patience, hold).
     settings: those of regulators(), by name, as delta=0.01. What is not given has its default; what is a setting of
     another regulator only is ignored, so that one call serves all.
     """
@@ -94,8 +104,10 @@ class Estimator:
     def __init__(self, dictionary, regulator, precision, *, form="plain", n_inputs=2, lam=0.98, p0=100.0,
                  check=CHECK_REPORT, gate=False, **settings):  # fmt: skip
         values = np.array(setting_values(regulator, settings), np.float64)
+        gate = ct.pointer(_GateSettings(*(() if gate is True else gate))) if gate else None
+        self._own = None if isinstance(dictionary, str) else dictionary
         settings = _Settings(
-            dictionary.encode(), regulator.encode(), form.encode(), precision, check, n_inputs, lam, p0,
+            self._own.handle if self._own else None, None if self._own else dictionary.encode(), regulator.encode(), form.encode(), precision, check, n_inputs, lam, p0,
             len(values), doubles(values), gate,
         )  # fmt: skip
         self._handle = ct.c_void_p()
@@ -137,13 +149,17 @@ class Estimator:
         """Resets P to p0 I and keeps Theta."""
         call("tk_estimator_reset_covariance", self._handle, ct.c_double(p0))
 
-    def model(self):
-        """Returns the stored model as bytes, for koopf_model_load() or koopd_model_load()."""
-        size = ct.c_size_t()
-        call("tk_estimator_model", self._handle, None, ct.byref(size))
+    def model(self, covariance=False):
+        """Returns the stored model as bytes, for koopf_model_load() or koopd_model_load(); with P if `covariance`."""
+        size, covariance = ct.c_size_t(), ct.c_int(covariance)
+        call("tk_estimator_model", self._handle, covariance, None, ct.byref(size))
         buffer = ct.create_string_buffer(size.value)
-        call("tk_estimator_model", self._handle, buffer, ct.byref(size))
+        call("tk_estimator_model", self._handle, covariance, buffer, ct.byref(size))
         return buffer.raw
+
+    def load(self, model):
+        """Takes Theta, and P if it is there, from the bytes of a stored model."""
+        call("tk_estimator_load", self._handle, model, ct.c_size_t(len(model)))
 
     def lift(self, x):
         """Lifts states x (K, n) in this precision; returns Psi(x), (K, N)."""
@@ -152,15 +168,41 @@ class Estimator:
         call("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
         return psi
 
-    def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES):
+    @property
+    def lifts(self):
+        """Whether the library lifts states; else psi is given in the place of x."""
+        return not (self._own and self._own.outside)
+
+    def update(self, now, u, to, lifted=False):
+        """Learns from one transition of states, or of lifted ones; float64 arrays that are contiguous. Returns a _Health."""
+        health = _Health()
+        raw("tk_update", self._handle, ct.c_int(lifted), address(now), address(u), address(to), ct.byref(health))
+        return health
+
+    def predict(self, now, u, lifted=False):
+        """psi (K, N) one step later than now (K, n), or (K, N) if lifted, under u (K, m)."""
+        now, u = reals(now, self.N if lifted else self.n), reals(u, self.m)
+        out = np.empty((len(now), self.N))
+        call("tk_predict", self._handle, ct.c_int(lifted), ct.c_size_t(len(now)), doubles(now), doubles(u), doubles(out))
+        return out
+
+    def rollout(self, start, u, lifted=False):
+        """psi (K+1, N) from a state, or a lifted one, under u (K, m), by the linear model alone."""
+        start, u = reals(start), reals(u, self.m)
+        out = np.empty((len(u) + 1, self.N))
+        call("tk_rollout", self._handle, ct.c_int(lifted), ct.c_size_t(len(u)), doubles(start), doubles(u), doubles(out))
+        return out
+
+    def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES, psi=None):
         """Feeds states x (K+1, n) and inputs u (K, m) through the estimator; returns a dict of traces.
 
         usable (K): which transitions may be learned from and scored. traces: names of TRACES, all by
         default; predicted has n columns. norm_a, norm_b, norm_p and positive_definite cost many times the
         update, so long replays name the others. With every > 0 also theta and covariance before each
-        transition k with k % every == 0.
+        transition k with k % every == 0. psi (K+1, N): x as the caller lifted it.
         """
         x, u = reals(x, self.n), reals(u, self.m)
+        psi = None if psi is None else reals(psi, self.N)
         K = len(u)
         if len(x) != K + 1:
             raise ValueError(f"{len(x)} states do not go with {K} inputs")
@@ -178,7 +220,7 @@ class Estimator:
             setattr(c_trace, name, ints(array) if array.dtype == np.int32 else doubles(array))
         usable = None if usable is None else np.ascontiguousarray(usable, dtype=np.int32)
         call(
-            "tk_replay", self._handle, ct.c_size_t(K), doubles(x), doubles(u), ints(usable),
+            "tk_replay", self._handle, ct.c_size_t(K), doubles(x), doubles(psi), doubles(u), ints(usable),
             ct.c_int(learn), ct.byref(c_trace),
         )  # fmt: skip
         return out

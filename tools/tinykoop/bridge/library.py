@@ -27,7 +27,7 @@ def _load():
     if not _LIBRARY.exists():
         raise UserError(f"{_LIBRARY.name} {_REMEDY}")
     c = ct.CDLL(str(_LIBRARY))
-    for name in ("tk_message", "tk_effect_name", "tk_effect_formula", "tk_effect_family", "tk_effect_reported_as"):
+    for name in ("tk_message", "tk_status_message", "tk_effect_name", "tk_effect_formula", "tk_effect_family", "tk_effect_reported_as"):
         getattr(c, name).restype = ct.c_char_p
     for name in ("tk_effect_parameters", "tk_log_rows"):
         getattr(c, name).restype = ct.c_size_t

@@ -46,7 +46,7 @@ def _whole(scene, offset, prepare=lambda estimator: None, **changes):
 
 def relearned(estimator, covariance, unit=1.0):
     """A `solver` that learns on its own: vanilla forgetting in NumPy from this P, with px^2 measured in `unit`."""
-    controller = bridge.Controller(control.MPC, 64, estimator.N)
+    controller = bridge.Controller(control.MPC.settings(), 64, estimator.N)
     theta, P, last = estimator.theta, covariance.copy(), None
     scale = np.ones(estimator.d)
     scale[3] = 1 / unit

@@ -18,7 +18,7 @@ SOLVER_STEPS = 200
 
 def library(estimator, edit=lambda theta: theta, limit=lambda u: u):
     """The library's solver as a `solver` of Estimator.control, with the model or the input changed on the way."""
-    controller = bridge.Controller(control.MPC, 64, estimator.N)
+    controller = bridge.Controller(control.MPC.settings(), 64, estimator.N)
 
     def solve(theta, psi, reference):
         solution = controller.solve(edit(theta), psi, reference)

@@ -1,0 +1,79 @@
+"""The model predictive controller of the library as a Python object."""
+
+import numpy as np
+
+from . import bridge
+from .bridge.control import Controller, mpc_settings
+from .bridge.library import raw
+from .learner import BITS, OK, RLS
+
+METHODS = {"newton": bridge.MPC_NEWTON, "gradient": bridge.MPC_GRADIENT}
+
+
+def _weights(given, size, name):
+    """A matrix (size, size) from a matrix, its diagonal, or one number."""
+    given = np.asarray(given, np.float64)
+    matrix = given if given.ndim == 2 else np.diag(np.broadcast_to(given, size))
+    if matrix.shape != (size, size):
+        raise ValueError(f"{name} has shape {matrix.shape}, it must be ({size}, {size}) or its diagonal ({size},)")
+    return matrix
+
+
+class MPC:
+    """Koopman-MPC on a learned model: tracks a reference over a horizon within limits of the inputs.
+
+    Parameters
+    ----------
+    horizon : H, steps, 1 to 1000
+    Q : weight of the tracking error, (n, n) or its diagonal; of the first n states
+    R : weight of the inputs, (m, m) or its diagonal
+    u_min, u_max : limits (m,), units of the inputs; -inf and inf: none
+    S : weight of the input rates, (m, m) or its diagonal; None: none
+    u_safe : (m,), the input if there is no plan; None: 0
+    method : ``newton`` (fastest) or ``gradient`` (smallest memory)
+    tolerance : of the KKT residual, units of the inputs; 0: the library's
+
+    Source: paper, section "Koopman-MPC with Online Learning for DDR". The limits may be changed between two solves.
+    After a solve: ``status_`` (0, or why there was no plan), ``message_``, ``plan_`` (H, m), ``residual_``, ``iterations_``.
+    """
+
+    def __init__(self, horizon, Q, R, u_min, u_max, *, S=None, u_safe=None, method="newton", tolerance=0.0):
+        self.horizon, self.Q, self.R, self.u_min, self.u_max = horizon, Q, R, u_min, u_max
+        self.S, self.u_safe, self.method, self.tolerance = S, u_safe, method, tolerance
+        self._made = None
+
+    def _controller(self, model):
+        """The controller of the library for such a model, and the limits that hold now."""
+        m, N = model.n_inputs, model.theta.shape[0]
+        n = np.size(self.Q) if np.ndim(self.Q) == 1 else model.n_features_in_ if np.ndim(self.Q) == 0 else len(self.Q)
+        limits = [np.broadcast_to(np.asarray(a, np.float64), m) for a in (self.u_min, self.u_max)]
+        rates = None if self.S is None else _weights(self.S, m, "S")
+        safe = None if self.u_safe is None else np.broadcast_to(np.asarray(self.u_safe, np.float64), m)
+        if self.method not in METHODS:
+            raise ValueError(f"method is {self.method!r}; it must be one of {', '.join(METHODS)}")
+        arrays = (_weights(self.Q, n, "Q"), _weights(self.R, m, "R"), rates, *limits, safe)
+        key = (N, n, model.precision, self.horizon, self.method, self.tolerance, *(None if a is None else a.tobytes() for a in arrays))
+        if self._made is None or self._made[0] != key:
+            settings = mpc_settings(self.horizon, *arrays, self.tolerance, METHODS[self.method])
+            self._made = key, Controller(settings, BITS[model.precision], N)
+        return self._made[1], n
+
+    def solve(self, model: RLS, x: np.ndarray, reference: np.ndarray, u_before: np.ndarray | None = None) -> np.ndarray:
+        """The input (m,) to give in state x (n,): the first of the plan along reference (H, n), or (n,) that is held.
+
+        Starts from the last plan. If there is no plan, the safe input is returned and ``status_`` is not 0. u_before
+        (m,): the input applied last, needed with S.
+        """
+        controller, n = self._controller(model)
+        reference = np.broadcast_to(np.asarray(reference, np.float64), (self.horizon, n))
+        psi = model.lift(np.reshape(np.asarray(x, np.float64), (1, -1)))[0]
+        if self.S is not None and u_before is None:
+            raise ValueError("u_before is needed: the weight S is of the change from the input applied last")
+        found = controller.solve(model.theta, psi, reference, u_before)
+        self.status_, self.message_ = found.status, "" if found.status == OK else raw("tk_status_message", found.status).decode()
+        self.plan_, self.residual_, self.iterations_ = found.plan, found.residual, found.iterations
+        return found.u
+
+    def reset(self):
+        """Discards the plan: the next solve starts cold."""
+        self._made = None

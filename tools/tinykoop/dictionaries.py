@@ -1,0 +1,192 @@
+"""Dictionaries of your own: how a state is lifted, from parts that the C library has, or by any Python function.
+
+A dictionary lifts states x (K, n) to psi (K, N): the state itself, then the functions of each part. Parts are put
+together by ``+``. What is made of parts runs in C, in float32 or float64, and ``c_code`` writes it for firmware: there
+it gives the same bits. The parts are those of ``koopf_combine`` in tinykoop_api.h.
+"""
+
+import zlib
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .bridge.dictionaries import Own, Part
+
+KERNELS = ("gaussian", "inverse_quadratic", "inverse_multiquadric", "multiquadric", "thin_plate")
+
+
+def _indices(states: Sequence[int] | None, count: int) -> tuple[int, ...]:
+    return tuple(range(count)) if states is None else tuple(int(i) for i in states)
+
+
+class Dictionary:
+    """Base of all dictionaries that are made of parts; ``a + b`` has the functions of both, in this order."""
+
+    def parts(self, n: int) -> list[Part]:
+        """The parts, for states of n values."""
+        raise NotImplementedError
+
+    def __add__(self, other: "Dictionary") -> "Combined":
+        return Combined(self, other)
+
+    def name(self, n: int) -> str:
+        """Name that a stored model keeps: it differs between settings, so that firmware refuses a model of others."""
+        told = repr([(p.kind, p.states, p.wrapped, p.low, p.high, p.kernel) for p in self.parts(n)]).encode()
+        numbers = [np.ascontiguousarray(a, np.float64).tobytes() for p in self.parts(n) for a in (p.centers, p.widths) if a is not None]
+        return f"parts_{zlib.crc32(b''.join([told, *numbers])):08x}"
+
+    def own(self, n: int) -> Own:
+        """The dictionary in C, for states of n values. Raises UserError for settings that the library refuses."""
+        return Own(self.name(n), n, self.parts(n))
+
+
+class RBF(Dictionary):
+    """Radial basis functions of the distance from centers, kernel(distance / sigma).
+
+    centers: (count, k), units of the states; sigma: one width for all, or (count,), same units; states: indices of the
+    k states that the centers are of, by default the first k; kernel: one of KERNELS, gaussian being exp(-r^2 / 2).
+    """
+
+    def __init__(self, centers, sigma, states: Sequence[int] | None = None, kernel: str = "gaussian"):
+        self.centers, self.sigma, self.states, self.kernel = centers, sigma, states, kernel
+
+    def parts(self, n):
+        if self.kernel not in KERNELS:
+            raise ValueError(f"kernel is {self.kernel!r}; it must be one of {', '.join(KERNELS)}")
+        centers = np.atleast_2d(np.asarray(self.centers, np.float64))
+        states = _indices(self.states, centers.shape[1])
+        if len(states) != centers.shape[1]:
+            raise ValueError(f"centers have {centers.shape[1]} columns, but {len(states)} states are named")
+        widths = np.broadcast_to(np.asarray(self.sigma, np.float64), len(centers)).copy()
+        return [Part("rbf", states, centers=centers, widths=widths, kernel=self.kernel)]
+
+
+class Poly(Dictionary):
+    """All monomials of the named states (default: all) with a total degree from `low` to `degree`, at most 8.
+
+    The states themselves, of degree 1, are in every dictionary: low is 2 unless you need a constant (0) or them twice.
+    """
+
+    def __init__(self, degree: int = 2, states: Sequence[int] | None = None, low: int = 2):
+        self.degree, self.states, self.low = degree, states, low
+
+    def parts(self, n):
+        return [Part("polynomials", _indices(self.states, n), low=self.low, high=self.degree)]
+
+
+class Products(Dictionary):
+    """x[i] x[j] of each pair (i, j)."""
+
+    def __init__(self, pairs: Sequence[tuple[int, int]]):
+        self.pairs = pairs
+
+    def parts(self, n):
+        return [Part("products", tuple(int(i) for pair in self.pairs for i in pair))]
+
+
+class Angles(Dictionary):
+    """Sine and cosine of the named states (rad), and the angle in [-pi, pi] if `wrapped`."""
+
+    def __init__(self, states: Sequence[int], wrapped: bool = False):
+        self.states, self.wrapped = states, wrapped
+
+    def parts(self, n):
+        return [Part("angles", _indices(self.states, 0), wrapped=self.wrapped)]
+
+
+class Constant(Dictionary):
+    """The function 1, for what acts always, as gravity does."""
+
+    def parts(self, n):
+        return [Part("constant")]
+
+
+class Combined(Dictionary):
+    """The functions of several dictionaries, one after another."""
+
+    def __init__(self, *dictionaries: Dictionary):
+        self.dictionaries = dictionaries
+
+    def parts(self, n):
+        return [part for dictionary in self.dictionaries for part in dictionary.parts(n)]
+
+
+class Function:
+    """A dictionary by a Python function, which need not be wrapped if it takes many states at once.
+
+    function: from states (K, n) to psi (K, N), whose first n columns are the states; or with each=True from one state
+    (n,) to psi (N,), which is slower. name: what a stored model keeps; firmware needs a dictionary of this name.
+    """
+
+    def __init__(self, function: Callable[[np.ndarray], np.ndarray], each: bool = False, name: str | None = None):
+        self.function, self.each, self.name = function, each, name
+
+    def lift(self, x: np.ndarray) -> np.ndarray:
+        """psi (K, N) of states (K, n). Raises ValueError if the function gives anything else."""
+        psi = np.array([self.function(row) for row in x]) if self.each else np.asarray(self.function(x))
+        if psi.ndim != 2 or len(psi) != len(x) or psi.shape[1] < x.shape[1]:
+            raise ValueError(f"the dictionary made an array of shape {psi.shape} of states of shape {x.shape}; it must be (K, N), N >= n")
+        if not np.array_equal(psi[:, : x.shape[1]], x, equal_nan=True):
+            raise ValueError(f"the dictionary must begin with the state: its first {x.shape[1]} columns differ from x")
+        return np.ascontiguousarray(psi, np.float64)
+
+    def own(self, n: int) -> Own:
+        """The dictionary as the library knows it, which cannot lift by it."""
+        name = self.name or getattr(self.function, "__name__", "function")
+        return Own(name, n, n_lifted=self.lift(np.zeros((1, n))).shape[1])
+
+
+def of(dictionary):
+    """A dictionary of this module, or the name of a built-in one, from what a user gave."""
+    if isinstance(dictionary, (str, Dictionary, Function)):
+        return dictionary
+    if callable(dictionary):
+        return Function(dictionary)
+    raise TypeError(f"dictionary is {dictionary!r}; give a name such as 'rbf_ddr', RBF(..), Poly(..), a sum of such, or a function")
+
+
+# ---- C code ------------------------------------------------------------------------------------------
+
+
+def _reals(values, bits):
+    """C literals of exactly these values."""
+    return ", ".join(float(np.float32(v)).hex() + "f" if bits == 32 else float(v).hex() for v in np.ravel(values))
+
+
+def _part_code(part, prefix, koop, bits):
+    """(definitions, initializer of koopX_part) of one part."""
+    if part.kind == "constant":
+        return [], f"{{&{koop}_part_constant, NULL}}"
+    lines = [f"static const unsigned char {prefix}_states[] = {{{', '.join(map(str, part.states))}}};"]
+    fields = {"angles": f", {int(part.wrapped)}", "polynomials": f", {part.low}, {part.high}"}.get(part.kind, "")
+    if part.kind == "rbf":
+        real = "float" if bits == 32 else "double"
+        lines += [
+            f"static const {real} {prefix}_centers[] = {{{_reals(part.centers, bits)}}};",
+            f"static const {real} {prefix}_widths[] = {{{_reals(part.widths, bits)}}};",
+        ]
+        fields = f", {len(part.widths)}, {prefix}_centers, {prefix}_widths, &{koop}_{part.kernel}"
+    lines.append(f"static const {koop}_{part.kind} {prefix} = {{{prefix}_states, {part.n}{fields}}};")
+    return lines, f"{{&{koop}_part_{part.kind}, &{prefix}}}"
+
+
+def c_code(dictionary: Dictionary, n: int, name: str, precision: str = "f32") -> str:
+    """C source of a dictionary of parts for n states: the function `NAME_dictionary(koopX_dictionary *)` makes it."""
+    bits, koop = (32, "koopf") if precision == "f32" else (64, "koopd")
+    dictionary.own(n)  # refuses what the library refuses
+    lines, parts = [], []
+    for i, part in enumerate(dictionary.parts(n)):
+        made, entry = _part_code(part, f"{name}_part_{i}", koop, bits)
+        lines += made
+        parts.append(entry)
+    return "\n".join([
+        *lines,
+        f"static const {koop}_part {name}_parts[] = {{{', '.join(parts)}}};",
+        f"static const {koop}_combination {name}_combination = {{{name}_parts, {len(parts)}}};",
+        "",
+        "/* Makes the dictionary that the model was learned with. */",
+        f"static inline int {name}_dictionary({koop}_dictionary *dictionary) {{",
+        f'\treturn {koop}_combine(dictionary, "{dictionary.name(n)}", {n}, &{name}_combination);',
+        "}",
+        "",
+    ])  # fmt: skip

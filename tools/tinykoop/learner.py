@@ -331,7 +331,8 @@ def _states(X):
     if X.ndim != 2:
         raise ValueError(f"expected X of shape (K, n), got {X.shape}. Reshape your data either using array.reshape(-1, 1) or (1, -1)")
     if 0 in X.shape:
-        raise ValueError(f"X has {X.shape[1]} feature(s) and {X.shape[0]} sample(s) (shape={X.shape}) while a minimum of 1 is required.")
+        short = f"{X.shape[0]} sample(s)" if not X.shape[0] else f"{X.shape[1]} feature(s)"
+        raise ValueError(f"X has {short} (shape={X.shape}) while a minimum of 1 is required.")
     return X
 
 
@@ -345,7 +346,9 @@ def _inputs(U, m, rows):
     U = U.astype(np.float64)
     U = U.reshape(len(U), -1) if U.ndim else U.reshape(1, 1)
     if len(U) not in (rows - 1, rows) or U.shape[1] != m:
-        raise ValueError(f"U has shape {U.shape}: ({rows - 1}, {m}) or ({rows}, {m}) goes with X; inconsistent numbers of samples or inputs")
+        raise ValueError(
+            f"U has shape {U.shape}: ({rows - 1}, {m}) or ({rows}, {m}) goes with X; inconsistent numbers of samples or inputs"
+        )
     return np.ascontiguousarray(U[: rows - 1])
 
 

@@ -139,7 +139,5 @@ class Controller:
                 raise ValueError(f"expected shape {shape}, got {array.shape}")
         u, plan, solution = np.empty(self._inputs), np.empty(self._plan), _Solution()
         before = None if u_before is None else reals(np.reshape(u_before, self._inputs))
-        call(
-            "tk_controller_solve", self._handle, *map(doubles, arrays), doubles(before), doubles(u), doubles(plan), ct.byref(solution)
-        )
+        call("tk_controller_solve", self._handle, *map(doubles, arrays), doubles(before), doubles(u), doubles(plan), ct.byref(solution))
         return Solution(solution.status, u, plan, solution.residual, solution.iterations, solution.microseconds)

@@ -309,6 +309,18 @@ def test_import_loads_nothing_until_a_name_is_used():
         tk.rls  # noqa: B018
 
 
+def test_diagnose_returns_the_report(drive, tmp_path):
+    x, u = drive
+    measured = x + np.random.default_rng(1).normal(size=x.shape) * 0.003
+    bridge.write_log(tmp_path / "log.csv", measured, np.vstack([1.1 * u, u[-1:]])[: len(x)], DT)
+    report = tk.diagnose(tmp_path / "log.csv", robot="ddr")
+    assert (
+        report["verdict"] in ("known", "partly", "unknown")
+        and report["log_file"].endswith("log.csv")
+        and not (tmp_path / "report.json").exists()
+    )
+
+
 def test_every_public_name_is_there():
     assert all(getattr(tk, name) is not None for name in tk.__all__)
     assert dictionaries.KERNELS and {"RLS", "MPC", "Gate", "Health", "RBF", "Poly"} <= set(tk.__all__)

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from . import diagnose as diagnose
     from .bridge import Effect as Effect
     from .bridge import Log as Log
     from .bridge import lowpass as lowpass
@@ -36,10 +37,12 @@ _PLACES = {
     "plumbing.errors": ("UserError",),
 }
 _WHERE = {name: place for place, names in _PLACES.items() for name in names}
-__all__ = [*_WHERE]
+__all__ = [*_WHERE, "diagnose"]
 
 
 def __getattr__(name):
+    if name == "diagnose":
+        return import_module(f".{name}", __name__)
     if name not in _WHERE:
         raise AttributeError(f"module 'tinykoop' has no attribute {name!r}")
     value = getattr(import_module(f".{_WHERE[name]}", __name__), name)

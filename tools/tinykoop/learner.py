@@ -371,7 +371,7 @@ def _states_of(dictionary, given):
         return given
     if isinstance(dictionary, str):
         return bridge.Estimator(dictionary, "none", 64, n_inputs=1).n
-    raise ValueError("how many states the model has cannot be told from this dictionary: give n_states")
+    raise ValueError("this dictionary does not say how many states the model has: give n_states")
 
 
 def _bytes(path):

@@ -42,7 +42,7 @@ class Part(NamedTuple):
 
 
 class Own:
-    """A dictionary in both precisions: of Parts, or with n_lifted in their place one whose states the caller lifts."""
+    """A dictionary in both precisions: of Parts, or with n_lifted instead one whose states the caller lifts."""
 
     def __init__(self, name, n_states, parts=(), n_lifted=None):
         self.handle, self.outside = ct.c_void_p(), n_lifted is not None

@@ -170,7 +170,7 @@ class Estimator:
 
     @property
     def lifts(self):
-        """Whether the library lifts states; else psi is given in the place of x."""
+        """Whether the library lifts states; else psi is given instead of x."""
         return not (self._own and self._own.outside)
 
     def update(self, now, u, to, lifted=False):

@@ -4,8 +4,10 @@ Data flow: platforms (a log as the engine takes it) -> prediction_errors (the en
 report) -> report (what people read: a story, on the terminal and as a page).
 """
 
+import sys
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from ..platforms import of_log
 from ..plumbing.errors import UserError
@@ -22,6 +24,34 @@ def platform(robot):
     return import_module(f".platforms.{'own' if is_own(robot) else robot}", __package__)
 
 
+def _diagnosed(path, fresh, robot, without, healthy, sim):
+    """(Diagnosis, its Story, seconds of the log's first row)."""
+    if sim and not (robot and is_own(robot)):
+        raise UserError("--sim: only for your own robot; add --robot ROBOT.toml, which describes its columns")
+    robot = of_log(path) if robot is None else robot
+    kind = platform(robot)
+    log, options = kind.read(path, fresh, healthy, robot, sim)
+    result = kind.diagnose(log, without=without, **options)
+    result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
+    return result, kind.Teller(result).story(), float(log.t[0])  # seconds of the story count from the first row
+
+
+def diagnose_log(path, robot=None, fresh=None, without=(), healthy=(), sim=None):
+    """Diagnoses a log file and returns what report.json holds, as a dict; writes nothing. For the arguments see run()."""
+    result, _, t0 = _diagnosed(path, fresh, robot, without, healthy, sim)
+    return in_log_time(result.report, t0)
+
+
+class _Callable(ModuleType):
+    """`tinykoop.diagnose(log, robot)` is diagnose_log(), although the module has this name, too."""
+
+    def __call__(self, log, robot=None, **options):
+        return diagnose_log(log, robot, **options)
+
+
+sys.modules[__name__].__class__ = _Callable
+
+
 def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mcap=None):
     """Diagnoses a log file; writes report.json and report.html to `out` and prints the summary.
 
@@ -31,19 +61,12 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mca
     and predicted, into this file. Returns an object whose `report` is what report.json holds.
     Raises UserError if an input is bad.
     """
-    if sim and not (robot and is_own(robot)):
-        raise UserError("--sim: only for your own robot; add --robot ROBOT.toml, which describes its columns")
     if mcap:
         recording.prepare(mcap)
-    robot = of_log(path) if robot is None else robot
     with busy(f"diagnosing {Path(path).name}"):
-        kind = platform(robot)
-        log, options = kind.read(path, fresh, healthy, robot, sim)
+        result, told, t0 = _diagnosed(path, fresh, robot, without, healthy, sim)
         out = output_folder(out)
-        result = kind.diagnose(log, without=without, **options)
-    result.report = {"log_file": printable(path), "fresh_file": printable(fresh) if fresh else None, **result.report}
-    told = kind.Teller(result).story()  # its seconds count from the first row
-    with replacing(out / "report.json", in_log_time(result.report, float(log.t[0]))):
+    with replacing(out / "report.json", in_log_time(result.report, t0)):
         write_bytes(out / "report.html", html(told))
     show(told, out / "report.html")
     if mcap:

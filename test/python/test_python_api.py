@@ -10,6 +10,8 @@ import pytest
 import tinykoop as tk
 from scipy import optimize
 from tinykoop import bridge, dictionaries
+from tinykoop.experiments import scenario
+from tinykoop.logs import fit, replay
 
 ROOT = Path(__file__).resolve().parents[2]
 K, DT = 400, 0.05
@@ -267,6 +269,57 @@ def test_names_of_dictionaries_differ_with_their_settings():
     some += [tk.Angles([2]), tk.Angles([2], wrapped=True), tk.Angles([1]), tk.Products([(0, 1)]), tk.Products([(0, 2)])]
     assert len({one.name(3) for one in some}) == len(some)
     assert (tk.Poly(2) + tk.Angles([2])).name(3) == (tk.Poly(2) + tk.Angles([2])).name(3)
+
+
+OWN = """
+import numpy as np
+from tinykoop import RBF, Angles
+
+parts = RBF([[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]], 1.5) + Angles([2])
+
+def lifted(X):
+    return np.column_stack([X, np.sin(X[:, 2]), np.cos(X[:, 2])])
+
+number = 17
+"""
+
+
+@pytest.fixture(scope="module")
+def own(drive, tmp_path_factory):
+    """Folder with a log and a Python file that defines dictionaries."""
+    folder, (x, u) = tmp_path_factory.mktemp("own"), drive
+    (folder / "own.py").write_text(OWN)
+    bridge.write_log(folder / "log.csv", x, np.vstack([u, u[-1:]]), DT)
+    return folder
+
+
+@pytest.mark.parametrize("name", ["parts", "lifted"])
+def test_fit_takes_a_dictionary_of_a_file(own, name):
+    fit.run(own / "log.csv", own / "model.h", f"{own / 'own.py'}:{name}")
+    given = dictionaries.from_file(f"{own / 'own.py'}:{name}")
+    loaded = tk.RLS(given, 2, regulator="none").load(own / "model.h", 3)
+    log = bridge.read_log(own / "log.csv")
+    assert loaded.score(log.x, log.u) > 0.99
+    assert ("koop_model_dictionary(" in (own / "model.h").read_text()) == (name == "parts")
+
+
+@pytest.mark.parametrize("name", ["parts", "lifted"])
+def test_replay_takes_a_dictionary_of_a_file(own, name):
+    rows = [row for row in replay.run_log(own / "log.csv", own / "out", dictionary=f"{own / 'own.py'}:{name}") if "regulator" in row]
+    assert {row["regulator"] for row in rows} == {"offline", *scenario.REGULATORS} and all(row["method"].find(name) >= 0 for row in rows)
+    assert np.isfinite([row["mean_error"] for row in rows if row["precision"] == "f64"]).all()
+    assert all(row["delta"] > 0 for row in rows if row["delta"] is not None) and (own / "out" / "replay_log.png").exists()
+
+
+@pytest.mark.parametrize("text, message", [
+    ("own.txt:parts", "FILE.py:NAME"), ("own.py", "FILE.py:NAME"), ("none.py:parts", "No such file"), ("own.py:absent", "defines no 'absent'"),
+    ("own.py:number", "dictionary is 17"), ("broken.py:parts", "failed with ZeroDivisionError"),
+])  # fmt: skip
+def test_file_without_the_dictionary_is_refused_in_one_line(own, text, message):
+    (own / "broken.py").write_text("1 / 0")
+    with pytest.raises(tk.UserError, match=message) as error:
+        dictionaries.from_file(str(own / text))
+    assert "\n" not in str(error.value)
 
 
 # ---- copies, and scikit-learn's conventions ---------------------------------------------------------------------

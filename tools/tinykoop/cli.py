@@ -67,6 +67,7 @@ def _your_log(add):
     play = add("replay", "run the eleven methods over a log, both precisions and forms")
     play.add_argument("log")
     play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
+    play.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, with every regulator, instead of poly and rbf")
 
     when = add("changes", "detect when something changed in a log, such as wind, from its innovations")
     when.add_argument("log")
@@ -99,7 +100,7 @@ def _your_log(add):
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
     fit.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    fit.add_argument("--dictionary", choices=("poly", "rbf"), default="rbf", help="lifting functions")
+    fit.add_argument("--dictionary", default="rbf", help="poly, rbf, or FILE.py:NAME, your own (default: rbf)")
     fit.add_argument("--precision", type=int, choices=(32, 64), default=32, help="bits of a number")
     fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation")
 
@@ -249,7 +250,7 @@ def dispatch(a):
     elif a.command == "replay":
         from .logs import replay
 
-        replay.run_log(a.log, a.out, a.platform)
+        replay.run_log(a.log, a.out, a.platform, a.dictionary)
     elif a.command == "changes":
         from .logs import changes
 

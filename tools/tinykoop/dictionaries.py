@@ -5,13 +5,16 @@ together by ``+``. What is made of parts runs in C, in float32 or float64, and `
 it gives the same bits. The parts are those of ``koopf_combine`` in tinykoop_api.h.
 """
 
+import runpy
 import zlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from .bridge.dictionaries import Own, Part
+from .plumbing.errors import UserError
 
+BUILT_IN = ("poly", "rbf")  # of every platform
 KERNELS = ("gaussian", "inverse_quadratic", "inverse_multiquadric", "multiquadric", "thin_plate")
 
 
@@ -131,9 +134,9 @@ class Function:
         return np.ascontiguousarray(psi, np.float64)
 
     def own(self, n: int) -> Own:
-        """The dictionary as the library knows it, which cannot lift by it."""
+        """The dictionary as the library knows it, for states of n values."""
         name = self.name or getattr(self.function, "__name__", "function")
-        return Own(name, n, n_lifted=self.lift(np.zeros((1, n))).shape[1])
+        return Own(name, n, n_lifted=self.lift(np.zeros((1, n))).shape[1], lift=self.lift)
 
 
 def of(dictionary):
@@ -143,6 +146,32 @@ def of(dictionary):
     if callable(dictionary):
         return Function(dictionary)
     raise TypeError(f"dictionary is {dictionary!r}; give a name such as 'rbf_ddr', RBF(..), Poly(..), a sum of such, or a function")
+
+
+def named(text: str, platform: str, n: int) -> str | Own:
+    """What bridge.Estimator takes of a --dictionary: `poly` or `rbf` of a platform, or FILE.py:NAME for states of n values."""
+    if text in BUILT_IN:
+        return f"{text}_{platform}"
+    return from_file(text).own(n)
+
+
+def from_file(text: str) -> "Dictionary | Function":
+    """The dictionary NAME of FILE.py, given as FILE.py:NAME. Raises UserError if it is not there or none."""
+    file, _, name = text.rpartition(":")
+    if not file.endswith(".py") or not name:
+        raise UserError(f"--dictionary {text}: give {' or '.join(BUILT_IN)}, or FILE.py:NAME, a dictionary or a function in a Python file")
+    try:
+        module = runpy.run_path(file)
+    except OSError as error:
+        raise UserError(f"--dictionary {file}: {error.strerror}") from None
+    except Exception as error:  # of whatever kind: the file is the user's
+        raise UserError(f"--dictionary {file}: running it failed with {type(error).__name__}: {error}") from None
+    if name not in module:
+        raise UserError(f"--dictionary {file}: it defines no {name!r}")
+    try:
+        return of(module[name])
+    except TypeError as error:
+        raise UserError(f"--dictionary {text}: {error}") from None
 
 
 # ---- C code ------------------------------------------------------------------------------------------

@@ -115,7 +115,7 @@ class RLS:
         known = set(self.settings or ()) - {s.name for s in bridge.regulators().get(self.regulator, ())}
         if self.regulator in bridge.regulators() and known:
             raise ValueError(f"regulator {self.regulator} has no setting {', '.join(sorted(known))}")
-        gate = self.gate or None
+        gate = self.gate
         gate = (gate.multiple, gate.floor, gate.patience, gate.hold) if isinstance(gate, Gate) else bool(gate)
         core = bridge.Estimator(
             given if isinstance(given, str) else given.own(n), self.regulator, BITS[self.precision], form=self.form,
@@ -123,9 +123,13 @@ class RLS:
         )  # fmt: skip
         if core.n != n:
             raise ValueError(f"X has {n} features, but dictionary {given} is expecting {core.n} features as input")
-        self._core, self._function = core, given if isinstance(given, dictionaries.Function) else None
-        self._last = None  # state that was lifted last by a function, and its psi
+        self._core, self._last = core, None  # state that was lifted last by a function, and its psi
         self.n_features_in_, self.n_refused_, self.health_ = n, 0, None
+
+    def begin(self, n_states: int) -> "RLS":
+        """Starts a learner of states of n_states values with Theta = 0, so that `theta` can be set before the first sample."""
+        self._start(n_states)
+        return self
 
     def _started(self, n: int | None = None):
         """The core, started for states of n values if it is not."""
@@ -136,16 +140,13 @@ class RLS:
             self._start(n)
         return self._core
 
-    def _lifted(self, x):
-        """psi (K, N) of states where a function lifts, else None."""
-        return self._function.lift(x) if self._function else None
-
     def _one(self, x):
         """What the core takes of one state (n,)."""
-        if not self._function:
+        lift = self._core.by_function
+        if not lift:
             return x
         if self._last is None or not np.array_equal(self._last[0], x):
-            self._last = x, self._function.lift(x[None])[0]
+            self._last = x, lift(x[None])[0]
         return self._last[1]
 
     def update(self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Health:
@@ -159,7 +160,7 @@ class RLS:
         core = self._started(x.size)
         if x.shape != (core.n,) or x_next.shape != (core.n,) or u.shape != (core.m,):
             raise ValueError(f"expected x ({core.n},), u ({core.m},), x_next ({core.n},), got {x.shape}, {u.shape}, {x_next.shape}")
-        health = core.update(self._one(x), u, self._one(x_next), self._function is not None)
+        health = core.update(self._one(x), u, self._one(x_next), core.by_function is not None)
         if health.status not in (OK, OUTLIER):
             raise Refused(health.status, "update")
         self.n_refused_ += health.status != OK
@@ -176,7 +177,7 @@ class RLS:
         """
         X, U, usable = self._series(X, U, usable)
         core = self._started(X.shape[1])
-        trace = core.replay(X, U, usable=usable, traces=("status",), psi=self._lifted(_filled(X)))["status"]
+        trace = core.replay(X, U, usable=usable, traces=("status",))["status"]
         bad = np.flatnonzero((trace < 0) & (trace != OUTLIER))
         self.n_refused_ += int((trace < 0).sum())
         if bad.size:
@@ -208,22 +209,21 @@ class RLS:
 
     def lift(self, X: np.ndarray) -> np.ndarray:
         """psi (K, N) of states X (K, n), in the precision of the learner."""
-        X = self._known(X)
-        return self._lifted(X) if self._function else self._core.lift(X)
+        return self._core.lift(self._known(X))
 
     def predict(self, X: np.ndarray, U: np.ndarray | None = None) -> np.ndarray:
         """States (K, n) one step after X (K, n) under U (K, m), 0 if not given."""
         X = self._known(X)
         U = np.zeros((len(X), self.n_inputs)) if U is None else _inputs(U, self.n_inputs, len(X) + 1)
-        psi = self._lifted(X)
-        return self._core.predict(X if psi is None else psi, U, psi is not None)[:, : self.n_features_in_]
+        lift = self._core.by_function
+        return self._core.predict(lift(X) if lift else X, U, lift is not None)[:, : self.n_features_in_]
 
     def rollout(self, x0: np.ndarray, U: np.ndarray) -> np.ndarray:
         """States (H+1, n) from x0 (n,) on under U (H, m), by the linear model alone: the state is lifted once, as in MPC."""
         x0 = self._known(np.reshape(np.asarray(x0, np.float64), (1, -1)))[0]
         U = np.asarray(U, np.float64)
         U = U.reshape(len(U), -1)
-        return self._core.rollout(self._one(x0), U, self._function is not None)[:, : self.n_features_in_]
+        return self._core.rollout(self._one(x0), U, self._core.by_function is not None)[:, : self.n_features_in_]
 
     def score(self, X: np.ndarray, U: np.ndarray) -> float:
         """R^2 of predictions one step ahead in a series, as in partial_fit; the mean over the states."""
@@ -261,22 +261,22 @@ class RLS:
         """P becomes p0 times the unit matrix; Theta stays."""
         self._started().reset_covariance(self.p0 if p0 is None else p0)
 
-    def export(self, path: str | Path, name: str = "koop_model", covariance: bool = False):
+    def export(self, path: str | Path, name: str = "koop_model", covariance: bool = False, comment: str = ""):
         """Writes the model for firmware: a C header (.h), with C code of a dictionary of parts, or bytes (.bin).
 
         In C, ``koopf_model_load`` or ``koopd_model_load`` takes the bytes. With `covariance` also P is in them, and
-        learning continues where it was. name: prefix of what the header defines.
+        learning continues where it was. name: prefix of what the header defines; comment: for its first line.
         """
         path, core = Path(path), self._started()
         if path.suffix not in (".h", ".bin"):
             raise UserError(f"{path}: the model is written as .h (C header) or .bin; choose one of these endings")
         model = core.model(covariance)
-        write_bytes(path, self._header(model, name).encode() if path.suffix == ".h" else model)
+        write_bytes(path, self._header(model, name, comment).encode() if path.suffix == ".h" else model)
 
-    def _header(self, model, name):
+    def _header(self, model, name, comment):
         given = dictionaries.of(self.dictionary)
         lines = [", ".join(f"0x{byte:02x}" for byte in model[i : i + 16]) for i in range(0, len(model), 16)]
-        told = f"/* TinyKoop model: float{BITS[self.precision]}, n = {self._core.n}, N = {self._core.N}, m = {self._core.m} */"
+        told = f"/* TinyKoop model: float{BITS[self.precision]}, n = {self._core.n}, N = {self._core.N}, m = {self._core.m}{comment and f', {comment}'} */"
         own = dictionaries.c_code(given, self._core.n, name, self.precision) if isinstance(given, dictionaries.Dictionary) else ""
         include = '#include "tinykoop.h"\n' if own else ""
         body = ",\n\t".join(lines)
@@ -295,7 +295,7 @@ class RLS:
     # ---- copies ----------------------------------------------------------------------------------------
 
     def __getstate__(self):
-        state = {key: value for key, value in vars(self).items() if key not in ("_core", "_function", "_last")}
+        state = {key: value for key, value in vars(self).items() if key not in ("_core", "_last")}
         return state | ({"_model": self._core.model(covariance=True)} if hasattr(self, "_core") else {})
 
     def __setstate__(self, state):
@@ -350,10 +350,6 @@ def _inputs(U, m, rows):
             f"U has shape {U.shape}: ({rows - 1}, {m}) or ({rows}, {m}) goes with X; inconsistent numbers of samples or inputs"
         )
     return np.ascontiguousarray(U[: rows - 1])
-
-
-def _filled(X):
-    return np.where(np.isfinite(X), X, 0.0)
 
 
 def _not_fitted(text):

@@ -42,11 +42,14 @@ class Part(NamedTuple):
 
 
 class Own:
-    """A dictionary in both precisions: of Parts, or with n_lifted instead one whose states the caller lifts."""
+    """A dictionary in both precisions: of Parts, or of n_lifted functions by `lift`, from states (K, n) to psi (K, N).
 
-    def __init__(self, name, n_states, parts=(), n_lifted=None):
-        self.handle, self.outside = ct.c_void_p(), n_lifted is not None
-        if self.outside:
+    lift is None for parts, which the library lifts.
+    """
+
+    def __init__(self, name, n_states, parts=(), n_lifted=None, lift=None):
+        self.handle, self.lift = ct.c_void_p(), lift
+        if lift:
             sizes = ct.c_size_t(n_states), ct.c_size_t(n_lifted)
             call("tk_dictionary_outside", name.encode(), *sizes, ct.byref(self.handle))
             return

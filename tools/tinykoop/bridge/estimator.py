@@ -4,6 +4,7 @@ import ctypes as ct
 
 import numpy as np
 
+from ..plumbing.errors import UserError
 from .control import SOLVER
 from .library import DOUBLES, INTS, address, call, doubles, ints, raw, reals
 from .regulators import setting_values
@@ -164,14 +165,16 @@ class Estimator:
     def lift(self, x):
         """Lifts states x (K, n) in this precision; returns Psi(x), (K, N)."""
         x = reals(x, self.n)
+        if self.by_function:
+            return self.by_function(x)
         psi = np.empty((len(x), self.N))
         call("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
         return psi
 
     @property
-    def lifts(self):
-        """Whether the library lifts states; else psi is given instead of x."""
-        return not (self._own and self._own.outside)
+    def by_function(self):
+        """The Python function that lifts (K, n) to (K, N); None where the library does."""
+        return self._own.lift if self._own else None
 
     def update(self, now, u, to, lifted=False):
         """Learns from one transition of states, or of lifted ones; float64 arrays that are contiguous. Returns a _Health."""
@@ -193,16 +196,16 @@ class Estimator:
         call("tk_rollout", self._handle, ct.c_int(lifted), ct.c_size_t(len(u)), doubles(start), doubles(u), doubles(out))
         return out
 
-    def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES, psi=None):
+    def replay(self, x, u, usable=None, learn=True, every=0, traces=TRACES):
         """Feeds states x (K+1, n) and inputs u (K, m) through the estimator; returns a dict of traces.
 
         usable (K): which transitions may be learned from and scored. traces: names of TRACES, all by
         default; predicted has n columns. norm_a, norm_b, norm_p and positive_definite cost many times the
         update, so long replays name the others. With every > 0 also theta and covariance before each
-        transition k with k % every == 0. psi (K+1, N): x as the caller lifted it.
+        transition k with k % every == 0.
         """
         x, u = reals(x, self.n), reals(u, self.m)
-        psi = None if psi is None else reals(psi, self.N)
+        psi = reals(self.by_function(np.where(np.isfinite(x), x, 0)), self.N) if self.by_function else None
         K = len(u)
         if len(x) != K + 1:
             raise ValueError(f"{len(x)} states do not go with {K} inputs")
@@ -231,12 +234,16 @@ class Estimator:
         solver(theta (N, N+2), psi (N), reference (horizon, 3)) -> u (2) or None: plans in the
         library's place; None is a fallback to the safe input (0, 0).
 
+        A dictionary by a Python function is refused: the loop runs in C.
+
         supervisor: a Supervisor; the traces then have model (index into MODELS) and resets (of the learner, so far).
 
         Returns a dict of traces, one row for each step: u, status (not 0: the safe input was
         given), residual (KKT), iterations, solve_us, innovation; x has one row more; with every > 0 theta and
         covariance as in replay().
         """
+        if self.by_function:
+            raise UserError("control: the closed loop runs in C and cannot call a Python function; make the dictionary of parts")
         reference, x0 = reals(reference, 3), reals(x0)
         if len(reference) < steps + mpc.horizon + 1:
             raise ValueError(f"{len(reference)} rows of reference do not cover {steps} steps and the horizon")

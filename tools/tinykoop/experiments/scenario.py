@@ -62,7 +62,7 @@ class Method:
 
     @property
     def label(self):
-        name = {"poly": "Poly", "rbf": "RBF"}[self.dictionary]
+        name = {"poly": "Poly", "rbf": "RBF"}.get(self.dictionary, self.dictionary.rpartition(":")[2])
         if self.regulator == "offline":
             return f"Offline {name}"
         return name if self.regulator == "ef" else f"{name} ({LABELS[self.regulator]})"
@@ -70,6 +70,11 @@ class Method:
 
 _OTHERS = tuple((dictionary, name) for dictionary in ("poly", "rbf") for name in REGULATORS if (dictionary, name) not in PAPER)
 METHODS = tuple(Method(*key) for key in (*PAPER, *_OTHERS))
+
+
+def methods_of(dictionary):
+    """The offline baseline and every regulator, with one dictionary."""
+    return tuple(Method(dictionary, regulator) for regulator in ("offline", *REGULATORS))
 
 
 def commands(steps=STEPS):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import bridge, platforms
+from .. import bridge, dictionaries, platforms
 from ..experiments import scenario
 from ..plumbing import plots
 from ..plumbing.errors import UserError
@@ -46,8 +46,9 @@ def load(path, platform=None):
 
 
 def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0, usable=None):
-    """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge."""
-    estimator = bridge.Estimator(f"{dictionary}_{platform}", "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
+    """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge. dictionary: as --dictionary."""
+    lifting = dictionaries.named(dictionary, platform, log.x.shape[1])
+    estimator = bridge.Estimator(lifting, "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
     estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable, traces=())
     return estimator
 
@@ -67,8 +68,11 @@ def baselines(log, platform):
     return {name: np.linalg.norm(log.x[1:] - predicted, axis=1) for name, predicted in rows.items()}
 
 
-def run_log(path, out, platform=None):
-    """Writes replay_STEM.json and its plot into `out`; returns the rows."""
+def run_log(path, out, platform=None, dictionary=None):
+    """Writes replay_STEM.json and its plot into `out`; returns the rows.
+
+    dictionary: FILE.py:NAME, replayed with every regulator instead of poly and rbf.
+    """
     out = output_folder(out)
     log, platform = load(path, platform)
     K = len(log.usable)
@@ -80,22 +84,23 @@ def run_log(path, out, platform=None):
         raise UserError(f"{path}: a fifth of the log has fewer than 10 usable steps; it is too short or has too many gaps")
 
     offline, delta = {}, {}
-    for dictionary in ("poly", "rbf"):
-        estimator = offline_fit(log, platform, dictionary, usable=fit)
-        offline[dictionary] = estimator.theta
+    methods = scenario.METHODS if dictionary is None else scenario.methods_of(dictionary)
+    for name in dict.fromkeys(method.dictionary for method in methods):
+        estimator = offline_fit(log, platform, name, usable=fit)
+        offline[name] = estimator.theta
         psi = estimator.lift(np.where(np.isfinite(log.x), log.x, 0))
         predicted = np.concatenate([psi[:-1], log.u[:-1]], axis=1) @ estimator.theta.T
-        delta[dictionary] = bridge.threshold(np.linalg.norm(psi[1:] - predicted, axis=1)[calibrate], ETA)
+        delta[name] = bridge.threshold(np.linalg.norm(psi[1:] - predicted, axis=1)[calibrate], ETA)
 
     rows, errors = [], {}
     for name, error in baselines(log, platform).items():
         errors[name] = np.where(scored, error, np.nan)
         rows.append({"source": printable(Path(path).stem), "method": name, "mean_error": float(error[scored].mean())})
-    online = {method: method.regulator != "offline" for method in scenario.METHODS}
-    jobs = [(method, *variant) for method in scenario.METHODS for variant in VARIANTS if online[method] or not variant[-1]]
+    online = {method: method.regulator != "offline" for method in methods}
+    jobs = [(method, *variant) for method in methods for variant in VARIANTS if online[method] or not variant[-1]]
     for method, form, precision, gate in progress(jobs, Path(path).stem):
         estimator = bridge.Estimator(
-            f"{method.dictionary}_{platform}", method.regulator if online[method] else "none", precision, form=form,
+            dictionaries.named(method.dictionary, platform, log.x.shape[1]), method.regulator if online[method] else "none", precision, form=form,
             n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary], gate=gate,
         )  # fmt: skip
         estimator.theta = offline[method.dictionary]
@@ -168,6 +173,10 @@ def report(rows, log, scored):
     )
 
 
+def _method(row):
+    return scenario.Method(row["dictionary"], row["regulator"]) if "regulator" in row else None
+
+
 def draw(path, rows, errors, log, scored):
     """Error over time of a few, mean error of all in float64 and float32."""
     table = by_method(rows)
@@ -180,7 +189,8 @@ def draw(path, rows, errors, log, scored):
         x=0.01, ha="left",
     )  # fmt: skip
     t = log.t[:-1][scored]
-    for method in (m for m in scenario.METHODS if m.dictionary == "rbf" and m.regulator in ("offline", "ef", "dz_cs", "sift")):
+    drawn = [m for m in map(_method, rows) if m and m.dictionary != "poly"]
+    for method in dict.fromkeys(m for m in drawn if m.regulator in ("offline", "ef", "dz_cs", "sift")):
         error = errors[method, *VARIANTS[0]][scored]
         left.semilogy(t, plots.smooth(error, 200), lw=1.2, label=method.label, **plots.STYLES[method.regulator])
     reference = NOMINAL if NOMINAL in errors else NOTHING

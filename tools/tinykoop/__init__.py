@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     from .learner import Gate as Gate
     from .learner import Health as Health
     from .learner import Refused as Refused
+    from .learner import c_library as c_library
     from .plumbing.errors import UserError as UserError
 
 _PLACES = {
     "bridge": ("Effect", "Log", "lowpass", "read_log", "regulators", "simulate", "threshold", "write_log"),
     "controller": ("MPC",),
     "dictionaries": ("RBF", "Angles", "Constant", "Function", "Poly", "Products"),
-    "learner": ("RLS", "Gate", "Health", "Refused"),
+    "learner": ("RLS", "Gate", "Health", "Refused", "c_library"),
     "plumbing.errors": ("UserError",),
 }
 _WHERE = {name: place for place, names in _PLACES.items() for name in names}

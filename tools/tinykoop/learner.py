@@ -11,6 +11,7 @@ import numpy as np
 
 from . import bridge, dictionaries
 from .bridge.library import raw
+from .plumbing import checkout
 from .plumbing.errors import UserError
 from .plumbing.results import write_bytes
 
@@ -318,6 +319,11 @@ class RLS:
 
         target = TargetTags(required=True, multi_output=True, single_output=True)
         return Tags(estimator_type=None, target_tags=target, regressor_tags=RegressorTags(poor_score=True), non_deterministic=False)
+
+
+def c_library() -> Path:
+    """Folder of the C sources: firmware compiles koopf.c or koopd.c there, with -Iinclude, beside a header of export()."""
+    return checkout.data("lib", "_lib/c")
 
 
 def _states(X):

@@ -75,6 +75,7 @@ def test_one_wheel_serves_every_python(wheel):
 
 def test_wheel_holds_the_package_its_library_and_its_data(wheel):
     sources = {f"tinykoop/{path.relative_to(checkout.PACKAGE).as_posix()}" for path in checkout.PACKAGE.rglob("*.py")}
+    sources |= {f"tinykoop/_lib/c/{path.relative_to(ROOT / 'lib').as_posix()}" for path in (ROOT / "lib").rglob("*.[ch]")}
     rest = {name for name in names(wheel) if ".dist-info/" not in name} - sources
     assert sources <= set(names(wheel))
     assert rest == {"tinykoop/_lib/libtinykoop_sim.so", "tinykoop/firmware/footprint.json", "tinykoop/py.typed"}

@@ -69,6 +69,11 @@ def _your_log(add):
     play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
     play.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, with every regulator, instead of poly and rbf")
 
+    pick = add("choose", "choose dictionary, regulator, lambda and dead zone for logs of a robot, by errors some steps ahead")
+    pick.add_argument("log", nargs="+")
+    pick.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
+    pick.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, beside poly and rbf")
+
     when = add("changes", "detect when something changed in a log, such as wind, from its innovations")
     when.add_argument("log")
     when.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
@@ -251,6 +256,10 @@ def dispatch(a):
         from .logs import replay
 
         replay.run_log(a.log, a.out, a.platform, a.dictionary)
+    elif a.command == "choose":
+        from .logs import choose
+
+        choose.run(a.log, a.out, a.platform, a.dictionary)
     elif a.command == "changes":
         from .logs import changes
 

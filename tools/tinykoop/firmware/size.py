@@ -68,6 +68,15 @@ def _rows(target, level):
     return [next(r for r in known if (r["target"], r["config"]) == (target, f"{c}_{level}")) for c, _ in MEASURED]
 
 
+def update(target, regulator, lifted, inputs):
+    """Instructions of an update in square-root form at -O2, between the measured sizes; None where it was not measured."""
+    counts = [(row["instructions"] or {}).get("rls_update", {}).get(regulator) for row in _rows(target, "O2")]
+    if None in counts:
+        return None
+    points = zip([_update(size, INPUTS) for _, size in MEASURED], counts)
+    return round(_line(*points, _update(lifted, inputs)))
+
+
 def _significant(value):
     return f"{float(f'{value:.2g}'):,.0f}"
 

@@ -108,10 +108,11 @@ typedef struct SIM(supervised) {
 	REAL *storage;
 } SIM(supervised);
 
-static int SIM(supervisor_open)(SIM(supervised) * g, SIM(controller) * c, const tk_supervisor_settings *s) {
+static int SIM(supervisor_open)(SIM(supervised) * g, SIM(controller) * c, const tk_supervisor_settings *s,
+                                KOOP(gate) *gate) {
 	*g = (SIM(supervised)){0};
 	if (!s) { return TK_OK; }
-	const size_t N = c->mpc.config.n_lifted, H = c->mpc.config.horizon;
+	const KOOP(mpc_config) *mpc = &c->mpc.config;
 	const KOOP(supervisor_config) config = {
 	    .min_cosine = (REAL)s->min_cosine,
 	    .min_gain = (REAL)s->min_gain,
@@ -121,8 +122,9 @@ static int SIM(supervisor_open)(SIM(supervised) * g, SIM(controller) * c, const 
 	    .max_tracking_ratio = (REAL)s->max_tracking_ratio,
 	    .patience = s->patience,
 	    .renewal = s->renewal,
+	    .gate = gate,
 	};
-	const size_t reals = KOOP_SUPERVISOR_REALS(N, 3, 2, H);
+	const size_t reals = KOOP_SUPERVISOR_REALS(mpc->n_lifted, mpc->n_states, mpc->n_inputs, mpc->horizon);
 	g->storage = calloc(reals, sizeof(REAL));
 	if (!g->storage) { return fail("out of memory"); }
 	SIM(load_theta)(c, s->offline);
@@ -131,6 +133,40 @@ static int SIM(supervisor_open)(SIM(supervised) * g, SIM(controller) * c, const 
 		free(g->storage);
 		return fail("supervisor: %s", KOOP(status_message)(status));
 	}
+	return TK_OK;
+}
+
+/* An update by supervisor_update(). */
+static int SIM(supervised_update)(SIM(supervised) * g, SIM(estimator) * e, int lifted, const double *now, const double *u,
+                                  const double *next, tk_health *out) {
+	KOOP(health) health = {0};
+	int status = SIM(take_transition)(e, lifted, now, u, next);
+	if (status == KOOP_OK) {
+		status = KOOP(supervisor_update)(&g->supervisor, &e->rls, e->psi, e->u, e->psi_next, &health);
+	}
+	SIM(tell)(e, status, &health, out);
+	return TK_OK;
+}
+
+/* The same as controller_solve on the model that the supervisor trusts. */
+static int SIM(supervised_solve)(SIM(supervised) * g, SIM(estimator) * e, SIM(controller) * c, const double *psi,
+                                 const double *reference, const double *u_before, double *u, double *plan,
+                                 tk_solution *solution) {
+	const KOOP(mpc_config) *config = &c->mpc.config;
+	const size_t m = config->n_inputs, H = config->horizon;
+	KOOP(mpc_result) result = {0};
+	for (size_t i = 0; i < config->n_lifted; i++) { c->psi[i] = (REAL)psi[i]; }
+	for (size_t i = 0; i < config->n_states * H; i++) { c->reference[i] = (REAL)reference[i]; }
+	for (size_t j = 0; u_before && j < m; j++) { c->u_before[j] = (REAL)u_before[j]; }
+	const REAL *before = u_before ? c->u_before : NULL;
+	const double start = microseconds();
+	solution->status = KOOP(supervisor_control)(&g->supervisor, &e->rls, &c->mpc, c->psi, c->reference, before, c->u, &result);
+	solution->microseconds = microseconds() - start;
+	solution->iterations = result.iterations;
+	solution->residual = result.residual;
+	KOOP(mpc_plan)(&c->mpc, c->plan);
+	for (size_t i = 0; i < m * H; i++) { plan[i] = c->plan[i]; }
+	for (size_t j = 0; j < m; j++) { u[j] = c->u[j]; }
 	return TK_OK;
 }
 
@@ -161,7 +197,7 @@ static int SIM(control)(SIM(estimator) * e, const tk_mpc_settings *settings, ddr
 		return fail("control: the supervisor works only with the library's own solver");
 	}
 	if (SIM(controller_open)(&c, settings, N) != TK_OK) { return TK_ERROR; }
-	if (SIM(supervisor_open)(&g, &c, supervisor) != TK_OK) {
+	if (SIM(supervisor_open)(&g, &c, supervisor, NULL) != TK_OK) {
 		SIM(controller_close)(&c);
 		return TK_ERROR;
 	}

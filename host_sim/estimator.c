@@ -286,6 +286,51 @@ int tk_controller_solve(tk_controller *c, const double *theta, const double *psi
 	                      : f64_controller_solve(&c->f64, theta, psi, reference, u_before, u, plan, solution);
 }
 
+struct tk_guard {
+	f32_supervised f32; /* one of the two has storage */
+	f64_supervised f64;
+};
+
+int tk_guard_new(const tk_supervisor_settings *settings, tk_estimator *e, tk_controller *c, tk_guard **guard) {
+	if ((c->f32.storage != NULL) != (e->f32 != NULL)) { return fail("guard: the learner has another precision"); }
+	tk_guard *g = calloc(1, sizeof *g);
+	if (!g) { return fail("out of memory"); }
+	const int status =
+	    e->f32 ? f32_supervisor_open(&g->f32, &c->f32, settings, e->f32->gated ? &e->f32->gate : NULL)
+	           : f64_supervisor_open(&g->f64, &c->f64, settings, e->f64->gated ? &e->f64->gate : NULL);
+	if (status != TK_OK) {
+		free(g);
+		return status;
+	}
+	*guard = g;
+	return TK_OK;
+}
+
+void tk_guard_free(tk_guard *g) {
+	if (!g) { return; }
+	free(g->f32.storage);
+	free(g->f64.storage);
+	free(g);
+}
+
+int tk_guard_model(const tk_guard *g, int *model, size_t *resets) {
+	*model = g->f32.storage ? g->f32.supervisor.model : g->f64.supervisor.model;
+	*resets = g->f32.storage ? g->f32.supervisor.resets : g->f64.supervisor.resets;
+	return TK_OK;
+}
+
+int tk_guard_update(tk_guard *g, tk_estimator *e, int lifted, const double *now, const double *u, const double *next,
+                    tk_health *health) {
+	return e->f32 ? f32_supervised_update(&g->f32, e->f32, lifted, now, u, next, health)
+	              : f64_supervised_update(&g->f64, e->f64, lifted, now, u, next, health);
+}
+
+int tk_guard_solve(tk_guard *g, tk_estimator *e, tk_controller *c, const double *psi, const double *reference,
+                   const double *u_before, double *u, double *plan, tk_solution *solution) {
+	return e->f32 ? f32_supervised_solve(&g->f32, e->f32, &c->f32, psi, reference, u_before, u, plan, solution)
+	              : f64_supervised_solve(&g->f64, e->f64, &c->f64, psi, reference, u_before, u, plan, solution);
+}
+
 int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,
                const int32_t *usable, double *y) {
 	return precision == 32 ? f32_lowpass(cutoff, rate, rows, n, x, usable, y)

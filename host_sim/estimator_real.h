@@ -383,24 +383,34 @@ static int SIM(learn)(SIM(estimator) * e, KOOP(health) *health) {
 	return KOOP(rls_update)(&e->rls, e->psi, e->u, e->psi_next, health);
 }
 
-static int SIM(update)(SIM(estimator) * e, int lifted, const double *now, const double *u, const double *next,
-                       tk_health *out) {
-	KOOP(health) health = {0};
+/* Takes a transition into psi, u and psi_next; returns the status. */
+static int SIM(take_transition)(SIM(estimator) * e, int lifted, const double *now, const double *u, const double *next) {
 	int status = SIM(take)(e, lifted, now, e->psi);
 	if (status == KOOP_OK) { status = SIM(take)(e, lifted, next, e->psi_next); }
 	for (size_t j = 0; j < e->rls.config.n_inputs; j++) { e->u[j] = (REAL)u[j]; }
-	if (status == KOOP_OK) { status = SIM(learn)(e, &health); }
+	return status;
+}
+
+static void SIM(tell)(const SIM(estimator) * e, int status, const KOOP(health) *health, tk_health *out) {
 	*out = (tk_health){
 	    .status = status,
-	    .frozen = health.frozen,
-	    .positive_definite = health.positive_definite,
-	    .short_memory = health.short_memory,
-	    .winding_up = health.winding_up,
+	    .frozen = health->frozen,
+	    .positive_definite = health->positive_definite,
+	    .short_memory = health->short_memory,
+	    .winding_up = health->winding_up,
 	    .trust = e->gated ? KOOP(gate_trust)(&e->gate) : -1,
-	    .innovation = status == KOOP_OK ? (double)health.innovation : (double)NAN,
-	    .trace = health.trace,
-	    .min_diagonal = health.min_diagonal,
+	    .innovation = status == KOOP_OK ? (double)health->innovation : (double)NAN,
+	    .trace = health->trace,
+	    .min_diagonal = health->min_diagonal,
 	};
+}
+
+static int SIM(update)(SIM(estimator) * e, int lifted, const double *now, const double *u, const double *next,
+                       tk_health *out) {
+	KOOP(health) health = {0};
+	int status = SIM(take_transition)(e, lifted, now, u, next);
+	if (status == KOOP_OK) { status = SIM(learn)(e, &health); }
+	SIM(tell)(e, status, &health, out);
 	return TK_OK;
 }
 

@@ -395,6 +395,22 @@ TK_API int tk_controller_solve(tk_controller *controller, const double *theta, c
                                const double *reference, const double *u_before, double *u, double *plan,
                                tk_solution *solution);
 
+/* The supervisor of this learner, with its gate if it has one, and this controller, with the offline model that the
+ * settings name. Later calls take the same two. */
+typedef struct tk_guard tk_guard;
+
+TK_API int tk_guard_new(const tk_supervisor_settings *settings, tk_estimator *estimator, tk_controller *controller,
+                        tk_guard **guard);
+TK_API void tk_guard_free(tk_guard *guard);
+/* What the last input was planned on, KOOP_SUPERVISOR_..., and how often the learner was started again. */
+TK_API int tk_guard_model(const tk_guard *guard, int *model, size_t *resets);
+/* As tk_update() and tk_controller_solve(), by supervisor_update() and supervisor_control(). */
+TK_API int tk_guard_update(tk_guard *guard, tk_estimator *estimator, int lifted, const double *now, const double *u,
+                           const double *next, tk_health *health);
+TK_API int tk_guard_solve(tk_guard *guard, tk_estimator *estimator, tk_controller *controller, const double *psi,
+                          const double *reference, const double *u_before, double *u, double *plan,
+                          tk_solution *solution);
+
 /* The library's low-pass in this precision (32 or 64) over x (rows x n), sampled at `rate` (Hz), into y.
  * Begins again after a transition that may not be used (rows - 1 values, may be null); a refused row is NaN.
  */

@@ -194,6 +194,36 @@ def test_mpc_plans_what_a_general_solver_plans(drive, method, rates):
     assert (mpc.solve(model, x[50], goal, before) <= 0.05).all()
 
 
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+@pytest.mark.parametrize("gate", [None, True])
+def test_guard_plans_offline_while_the_learned_model_is_wrong_and_online_after(drive, precision, gate):
+    x, u = drive
+    offline = tk.RLS("poly_ddr", 2, regulator="none", lam=1.0, precision="f64").fit(x, u).theta
+    model = tk.RLS("poly_ddr", 2, precision=precision, gate=gate).begin(3)
+    model.theta = -offline
+    guard = tk.Guard(model, tk.MPC(10, [20, 20, 3], [0.05, 0.08], [0, -1.2], [1.2, 1.2]), offline)
+    used, state = [], x[0]
+    for k in range(250):
+        v = guard.solve(state, state + [0.3, 0.1, 0.0])
+        after = tk.simulate(np.array([v]), DT, x0=state)[-1]
+        guard.update(state, v, after)
+        used.append(guard.model_)
+        state = after
+    assert used[0] == "offline" and "online" in used and guard.mpc.status_ == 0 and guard.resets_ >= 0
+
+
+def test_guard_plans_what_the_controller_plans_on_a_good_model(drive):
+    x, u = drive
+    model = tk.RLS("poly_ddr", 2, regulator="none", lam=1.0, precision="f64").fit(x, u)
+    mpc = tk.MPC(10, [20, 20, 3], [0.05, 0.08], [0, -1.2], [1.2, 1.2])
+    guard = tk.Guard(model, mpc, model.theta)
+    first = guard.solve(x[9], x[9] + [0.3, 0.1, 0.0])
+    assert guard.model_ in ("online", "offline")
+    np.testing.assert_allclose(first, mpc.solve(model, x[9], x[9] + [0.3, 0.1, 0.0]), atol=1e-9)
+    with pytest.raises(ValueError, match="offline model of shape"):
+        tk.Guard(model, mpc, model.theta[:, :-1])
+
+
 # ---- the model, in files and in firmware ---------------------------------------------------------------------
 
 

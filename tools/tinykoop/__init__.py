@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .bridge import threshold as threshold
     from .bridge import write_log as write_log
     from .controller import MPC as MPC
+    from .controller import Guard as Guard
     from .dictionaries import RBF as RBF
     from .dictionaries import Angles as Angles
     from .dictionaries import Constant as Constant
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 _PLACES = {
     "bridge": ("Effect", "Log", "lowpass", "read_log", "regulators", "simulate", "threshold", "write_log"),
-    "controller": ("MPC",),
+    "controller": ("MPC", "Guard"),
     "dictionaries": ("RBF", "Angles", "Constant", "Function", "Poly", "Products"),
     "learner": ("RLS", "Gate", "Health", "Refused", "c_library"),
     "plumbing.errors": ("UserError",),

@@ -5,7 +5,7 @@ import numpy as np
 from . import bridge
 from .bridge.control import Controller, mpc_settings
 from .bridge.library import raw
-from .learner import BITS, OK, RLS
+from .learner import BITS, OK, RLS, Health
 
 METHODS = {"newton": bridge.MPC_NEWTON, "gradient": bridge.MPC_GRADIENT}
 
@@ -69,7 +69,10 @@ class MPC:
         psi = model.lift(np.reshape(np.asarray(x, np.float64), (1, -1)))[0]
         if self.S is not None and u_before is None:
             raise ValueError("u_before is needed: the weight S is of the change from the input applied last")
-        found = controller.solve(model.theta, psi, reference, u_before)
+        return self._take(controller.solve(model.theta, psi, reference, u_before))
+
+    def _take(self, found):
+        """Keeps what a solve gave; returns the input."""
         self.status_, self.message_ = found.status, "" if found.status == OK else raw("tk_status_message", found.status).decode()
         self.plan_, self.residual_, self.iterations_ = found.plan, found.residual, found.iterations
         return found.u
@@ -77,3 +80,42 @@ class MPC:
     def reset(self):
         """Discards the plan: the next solve starts cold."""
         self._made = None
+
+
+class Guard:
+    """The supervisor: learns and plans with the learned model only while that can be trusted, else with the offline model.
+
+    Parameters
+    ----------
+    model : RLS that has begun, with its gate if it has one
+    mpc : MPC; its parameters are those of now, later changes of it are not seen
+    offline : Theta (N, N+m) of an offline model, such as ``RLS(..).fit(..).theta``
+    min_cosine, min_gain, max_gain, max_error_ratio, max_residual, max_tracking_ratio, patience, renewal : as in
+        ``koopf_supervisor_config``; 0 is the library's default
+
+    Call solve() and update() instead of those of the MPC and the RLS. ``model_`` is what the last input was planned on:
+    online, last good, offline or none. ``resets_`` counts how often the learner was started again.
+    """
+
+    def __init__(self, model: RLS, mpc: MPC, offline: np.ndarray, *, min_cosine=0.0, min_gain=0.0, max_gain=0.0, max_error_ratio=0.0,
+                 max_residual=0.0, max_tracking_ratio=0.0, patience=0, renewal=0):  # fmt: skip
+        self.model, self.mpc = model, mpc
+        settings = min_cosine, min_gain, max_gain, max_error_ratio, max_residual, max_tracking_ratio, patience, renewal
+        model.theta  # noqa: B018  raises if it has not begun
+        mpc.reset()
+        self._controller, self._n = mpc._controller(model)
+        mpc.reset()  # the controller is the guard's alone
+        self._controller.guard(bridge.Supervisor(np.asarray(offline, np.float64), *settings), model._core)
+
+    def update(self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Health:
+        """As RLS.update()."""
+        return self.model._told(self.model._core_update(x, u, x_next, self._controller.guarded_update))
+
+    def solve(self, x: np.ndarray, reference: np.ndarray, u_before: np.ndarray | None = None) -> np.ndarray:
+        """As MPC.solve(), whose ``status_``, ``plan_``, .. are set."""
+        reference = np.broadcast_to(np.asarray(reference, np.float64), (self.mpc.horizon, self._n))
+        psi = self.model.lift(np.reshape(np.asarray(x, np.float64), (1, -1)))[0]
+        u = self.mpc._take(self._controller.guarded_solve(psi, reference, u_before))
+        model, self.resets_ = self._controller.guarded_model
+        self.model_ = bridge.MODELS[model]
+        return u

@@ -156,14 +156,21 @@ class RLS:
         Raises Refused if the library refuses the sample, but not for what the gate takes for an outlier: then
         ``status`` is -9.
         """
+        return self._told(self._core_update(x, u, x_next))
+
+    def _core_update(self, x, u, x_next, learn=None):
+        """What `learn`, by default the core, says of one transition."""
         x, x_next = (np.array(a, np.float64, ndmin=1) for a in (x, x_next))
         u = np.array(u, np.float64, ndmin=1)
         core = self._started(x.size)
         if x.shape != (core.n,) or x_next.shape != (core.n,) or u.shape != (core.m,):
             raise ValueError(f"expected x ({core.n},), u ({core.m},), x_next ({core.n},), got {x.shape}, {u.shape}, {x_next.shape}")
-        health = core.update(self._one(x), u, self._one(x_next), core.by_function is not None)
+        health = (learn or core.update)(self._one(x), u, self._one(x_next), core.by_function is not None)
         if health.status not in (OK, OUTLIER):
             raise Refused(health.status, "update")
+        return health
+
+    def _told(self, health):
         self.n_refused_ += health.status != OK
         flags = (bool(getattr(health, name)) for name in ("frozen", "positive_definite", "short_memory", "winding_up"))
         self.health_ = Health(health.status, health.innovation, health.trace, health.min_diagonal, *flags, TRUST[health.trust])

@@ -133,11 +133,52 @@ class Controller:
 
     def solve(self, theta, psi, reference, u_before=None):
         """Plans from psi (N) along reference (horizon, n) on theta (N, N+m); starts from the last plan, shifted."""
-        arrays = [reals(array) for array in (theta, psi, reference)]
-        for array, shape in zip(arrays, self._shapes):
-            if array.shape != shape:
-                raise ValueError(f"expected shape {shape}, got {array.shape}")
+        arrays = self._checked(zip((theta, psi, reference), self._shapes))
+        return self._solution("tk_controller_solve", (self._handle, *map(doubles, arrays)), u_before)
+
+    def _checked(self, pairs):
+        arrays = []
+        for array, shape in pairs:
+            arrays.append(reals(array))
+            if arrays[-1].shape != shape:
+                raise ValueError(f"expected shape {shape}, got {arrays[-1].shape}")
+        return arrays
+
+    def _solution(self, function, arguments, u_before):
         u, plan, solution = np.empty(self._inputs), np.empty(self._plan), _Solution()
         before = None if u_before is None else reals(np.reshape(u_before, self._inputs))
-        call("tk_controller_solve", self._handle, *map(doubles, arrays), doubles(before), doubles(u), doubles(plan), ct.byref(solution))
+        call(function, *arguments, doubles(before), doubles(u), doubles(plan), ct.byref(solution))
         return Solution(solution.status, u, plan, solution.residual, solution.iterations, solution.microseconds)
+
+    # ---- under a supervisor
+
+    def guard(self, supervisor, estimator):
+        """Puts a Supervisor over this controller and an Estimator of the same precision; later calls take that one."""
+        self._guard, self._of = _Guard(), estimator
+        settings = supervisor.settings(self._shapes[0])
+        call("tk_guard_new", settings, estimator.handle, self._handle, ct.byref(self._guard.handle))
+
+    def guarded_solve(self, psi, reference, u_before=None):
+        """As solve(), on the model that the supervisor trusts."""
+        arrays = self._checked(zip((psi, reference), self._shapes[1:]))
+        return self._solution("tk_guard_solve", (self._guard.handle, self._of.handle, self._handle, *map(doubles, arrays)), u_before)
+
+    def guarded_update(self, now, u, to, lifted=False):
+        """As Estimator.update(), by the supervisor."""
+        return self._of.update(now, u, to, lifted, self._guard.handle)
+
+    @property
+    def guarded_model(self):
+        """(index into MODELS of what the last input was planned on, how often the learner was started again)."""
+        model, resets = ct.c_int(), ct.c_size_t()
+        call("tk_guard_model", self._guard.handle, ct.byref(model), ct.byref(resets))
+        return model.value, resets.value
+
+
+class _Guard:
+    def __init__(self):
+        self.handle = ct.c_void_p()
+
+    def __del__(self):
+        if self.handle:
+            raw("tk_guard_free", self.handle)

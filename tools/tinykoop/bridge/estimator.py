@@ -176,10 +176,18 @@ class Estimator:
         """The Python function that lifts (K, n) to (K, N); None where the library does."""
         return self._own.lift if self._own else None
 
-    def update(self, now, u, to, lifted=False):
-        """Learns from one transition of states, or of lifted ones; float64 arrays that are contiguous. Returns a _Health."""
-        health = _Health()
-        raw("tk_update", self._handle, ct.c_int(lifted), address(now), address(u), address(to), ct.byref(health))
+    @property
+    def handle(self):
+        """The estimator in C."""
+        return self._handle
+
+    def update(self, now, u, to, lifted=False, guard=None):
+        """Learns from one transition of states, or of lifted ones; float64 arrays that are contiguous. Returns a _Health.
+
+        guard: handle of a supervisor, that learns by it.
+        """
+        health, arguments = _Health(), (self._handle, ct.c_int(lifted), address(now), address(u), address(to))
+        raw("tk_guard_update", guard, *arguments, ct.byref(health)) if guard else raw("tk_update", *arguments, ct.byref(health))
         return health
 
     def predict(self, now, u, lifted=False):

@@ -69,7 +69,7 @@ def _your_log(add):
     play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
     play.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, with every regulator, instead of poly and rbf")
 
-    pick = add("choose", "choose dictionary, regulator, lambda and dead zone for logs of a robot, by errors some steps ahead")
+    pick = add("choose", "choose dictionary, regulator, lambda and dead zone by prediction errors")
     pick.add_argument("log", nargs="+")
     pick.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
     pick.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, beside poly and rbf")

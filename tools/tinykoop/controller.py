@@ -90,8 +90,7 @@ class Guard:
     model : RLS that has begun, with its gate if it has one
     mpc : MPC; its parameters are those of now, later changes of it are not seen
     offline : Theta (N, N+m) of an offline model, such as ``RLS(..).fit(..).theta``
-    min_cosine, min_gain, max_gain, max_error_ratio, max_residual, max_tracking_ratio, patience, renewal : as in
-        ``koopf_supervisor_config``; 0 is the library's default
+    min_cosine, .., renewal : as in ``koopf_supervisor_config``; 0 is the library's default
 
     Call solve() and update() instead of those of the MPC and the RLS. ``model_`` is what the last input was planned on:
     online, last good, offline or none. ``resets_`` counts how often the learner was started again.

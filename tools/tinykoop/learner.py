@@ -22,7 +22,7 @@ TRUST = {-1: None, 0: "trusted", 1: "doubtful", 2: "refuse"}
 
 
 class Refused(UserError, ValueError):
-    """The library refused a sample, and left the model as it was; status: KOOP_E_.. of tinykoop.h."""
+    """The library refused a sample, and left the model as it was; ``status`` is one of ``KOOP_E_..`` of tinykoop.h."""
 
     def __init__(self, status: int, where: str):
         self.status = status

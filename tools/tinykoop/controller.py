@@ -22,16 +22,16 @@ def _weights(given, size, name):
 class MPC:
     """Koopman-MPC on a learned model: tracks a reference over a horizon within limits of the inputs.
 
-    Parameters
-    ----------
-    horizon : H, steps, 1 to 1000
-    Q : weight of the tracking error, (n, n) or its diagonal; of the first n states
-    R : weight of the inputs, (m, m) or its diagonal
-    u_min, u_max : limits (m,), units of the inputs; -inf and inf: none
-    S : weight of the input rates, (m, m) or its diagonal; None: none
-    u_safe : (m,), the input if there is no plan; None: 0
-    method : ``newton`` (fastest) or ``gradient`` (smallest memory)
-    tolerance : of the KKT residual, units of the inputs; 0: the library's
+    Parameters:
+
+    - horizon: H, steps, 1 to 1000
+    - Q: weight of the tracking error, (n, n) or its diagonal; of the first n states
+    - R: weight of the inputs, (m, m) or its diagonal
+    - u_min, u_max: limits (m,), units of the inputs; -inf and inf: none
+    - S: weight of the input rates, (m, m) or its diagonal; None: none
+    - u_safe: (m,), the input if there is no plan; None: 0
+    - method: ``newton`` (fastest) or ``gradient`` (smallest memory)
+    - tolerance: of the KKT residual, units of the inputs; 0: the library's
 
     Source: paper, section "Koopman-MPC with Online Learning for DDR". The limits may be changed between two solves.
     After a solve: ``status_`` (0, or why there was no plan), ``message_``, ``plan_`` (H, m), ``residual_``, ``iterations_``.
@@ -85,12 +85,12 @@ class MPC:
 class Guard:
     """The supervisor: learns and plans with the learned model only while that can be trusted, else with the offline model.
 
-    Parameters
-    ----------
-    model : RLS that has begun, with its gate if it has one
-    mpc : MPC; its parameters are those of now, later changes of it are not seen
-    offline : Theta (N, N+m) of an offline model, such as ``RLS(..).fit(..).theta``
-    min_cosine, .., renewal : as in ``koopf_supervisor_config``; 0 is the library's default
+    Parameters:
+
+    - model: RLS that has begun, with its gate if it has one
+    - mpc: MPC; its parameters are those of now, later changes of it are not seen
+    - offline: Theta (N, N+m) of an offline model, such as ``RLS(..).fit(..).theta``
+    - min_cosine, .., renewal: as in ``koopf_supervisor_config``; 0 is the library's default
 
     Call solve() and update() instead of those of the MPC and the RLS. ``model_`` is what the last input was planned on:
     online, last good, offline or none. ``resets_`` counts how often the learner was started again.

@@ -57,20 +57,20 @@ class Gate:
 class RLS:
     """Learns psi_next = A psi + B u, Theta = [A B], by recursive least squares with a regulated covariance P.
 
-    Parameters
-    ----------
-    dictionary : name of a built-in one (``rbf_ddr``, ``poly_ddr``, ``rbf_fwmav``, ``poly_fwmav``), :class:`RBF`,
-        :class:`Poly` or another of parts, their sum, or any function from states (K, n) to psi (K, N) that begins with
-        the state
-    n_inputs : m, number of inputs
-    regulator : one of ``tinykoop.regulators()``
-    settings : {name: value} of the regulator, such as {"delta": 0.02}; what is not given has its default
-    form : ``sqrt`` or ``plain``, how P is stored
-    precision : ``f32`` or ``f64``, in which the C library works
-    lam : forgetting factor lambda, 0 < lam <= 1
-    p0 : first P is p0 times the unit matrix
-    check : ``refuse``, ``report`` or ``diagonal``, what is done about a P that is not positive definite
-    gate : True or a :class:`Gate` refuses outliers; None: no gate
+    Parameters:
+
+    - dictionary: name of a built-in one (``rbf_ddr``, ``poly_ddr``, ``rbf_fwmav``, ``poly_fwmav``), :class:`RBF`,
+      :class:`Poly` or another of parts, their sum, or any function from states (K, n) to psi (K, N) that begins with
+      the state
+    - n_inputs: m, number of inputs
+    - regulator: one of ``tinykoop.regulators()``
+    - settings: {name: value} of the regulator, such as {"delta": 0.02}; what is not given has its default
+    - form: ``sqrt`` or ``plain``, how P is stored
+    - precision: ``f32`` or ``f64``, in which the C library works
+    - lam: forgetting factor lambda, 0 < lam <= 1
+    - p0: first P is p0 times the unit matrix
+    - check: ``refuse``, ``report`` or ``diagonal``, what is done about a P that is not positive definite
+    - gate: True or a :class:`Gate` refuses outliers; None: no gate
 
     The recursion is eq. (4) of the paper with the modifications of its section "Robust Covariance-Regulated
     Modifications". Results are those of the C library, bit for bit. A refused sample leaves the model as it was.

@@ -81,18 +81,28 @@ static void SIM(load_theta)(SIM(controller) * c, const double *theta) {
 	}
 }
 
-static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const double *psi, const double *reference,
-                                 const double *u_before, double *u, double *plan, tk_solution *solution) {
+/* A supervisor with its storage, which is null where there is none. */
+typedef struct SIM(supervised) {
+	KOOP(supervisor) supervisor;
+	REAL *storage;
+} SIM(supervised);
+
+/* Plans on Theta; or, with a supervisor g, on the model of the learner e or another that it trusts more. */
+static int SIM(controller_solve)(SIM(controller) * c, SIM(supervised) * g, SIM(estimator) * e, const double *theta,
+                                 const double *psi, const double *reference, const double *u_before, double *u,
+                                 double *plan, tk_solution *solution) {
 	const KOOP(mpc_config) *config = &c->mpc.config;
 	const size_t m = config->n_inputs, H = config->horizon;
 	KOOP(mpc_result) result = {0};
-	SIM(load_theta)(c, theta);
+	if (theta) { SIM(load_theta)(c, theta); }
 	for (size_t i = 0; i < config->n_lifted; i++) { c->psi[i] = (REAL)psi[i]; }
 	for (size_t i = 0; i < config->n_states * H; i++) { c->reference[i] = (REAL)reference[i]; }
 	for (size_t j = 0; u_before && j < m; j++) { c->u_before[j] = (REAL)u_before[j]; }
 	const REAL *before = u_before ? c->u_before : NULL;
 	const double start = microseconds();
-	solution->status = KOOP(mpc_solve)(&c->mpc, c->theta, c->psi, c->reference, before, c->u, &result);
+	solution->status =
+	    g ? KOOP(supervisor_control)(&g->supervisor, &e->rls, &c->mpc, c->psi, c->reference, before, c->u, &result)
+	      : KOOP(mpc_solve)(&c->mpc, c->theta, c->psi, c->reference, before, c->u, &result);
 	solution->microseconds = microseconds() - start;
 	solution->iterations = result.iterations;
 	solution->residual = result.residual;
@@ -101,12 +111,6 @@ static int SIM(controller_solve)(SIM(controller) * c, const double *theta, const
 	for (size_t j = 0; u && j < m; j++) { u[j] = c->u[j]; }
 	return TK_OK;
 }
-
-/* A supervisor with its storage, which is null where there is none. */
-typedef struct SIM(supervised) {
-	KOOP(supervisor) supervisor;
-	REAL *storage;
-} SIM(supervised);
 
 static int SIM(supervisor_open)(SIM(supervised) * g, SIM(controller) * c, const tk_supervisor_settings *s,
                                 KOOP(gate) *gate) {
@@ -145,28 +149,6 @@ static int SIM(supervised_update)(SIM(supervised) * g, SIM(estimator) * e, int l
 		status = KOOP(supervisor_update)(&g->supervisor, &e->rls, e->psi, e->u, e->psi_next, &health);
 	}
 	SIM(tell)(e, status, &health, out);
-	return TK_OK;
-}
-
-/* The same as controller_solve on the model that the supervisor trusts. */
-static int SIM(supervised_solve)(SIM(supervised) * g, SIM(estimator) * e, SIM(controller) * c, const double *psi,
-                                 const double *reference, const double *u_before, double *u, double *plan,
-                                 tk_solution *solution) {
-	const KOOP(mpc_config) *config = &c->mpc.config;
-	const size_t m = config->n_inputs, H = config->horizon;
-	KOOP(mpc_result) result = {0};
-	for (size_t i = 0; i < config->n_lifted; i++) { c->psi[i] = (REAL)psi[i]; }
-	for (size_t i = 0; i < config->n_states * H; i++) { c->reference[i] = (REAL)reference[i]; }
-	for (size_t j = 0; u_before && j < m; j++) { c->u_before[j] = (REAL)u_before[j]; }
-	const REAL *before = u_before ? c->u_before : NULL;
-	const double start = microseconds();
-	solution->status = KOOP(supervisor_control)(&g->supervisor, &e->rls, &c->mpc, c->psi, c->reference, before, c->u, &result);
-	solution->microseconds = microseconds() - start;
-	solution->iterations = result.iterations;
-	solution->residual = result.residual;
-	KOOP(mpc_plan)(&c->mpc, c->plan);
-	for (size_t i = 0; i < m * H; i++) { plan[i] = c->plan[i]; }
-	for (size_t j = 0; j < m; j++) { u[j] = c->u[j]; }
 	return TK_OK;
 }
 

@@ -282,8 +282,8 @@ int tk_controller_reset(tk_controller *c) {
 
 int tk_controller_solve(tk_controller *c, const double *theta, const double *psi, const double *reference,
                         const double *u_before, double *u, double *plan, tk_solution *solution) {
-	return c->f32.storage ? f32_controller_solve(&c->f32, theta, psi, reference, u_before, u, plan, solution)
-	                      : f64_controller_solve(&c->f64, theta, psi, reference, u_before, u, plan, solution);
+	return c->f32.storage ? f32_controller_solve(&c->f32, NULL, NULL, theta, psi, reference, u_before, u, plan, solution)
+	                      : f64_controller_solve(&c->f64, NULL, NULL, theta, psi, reference, u_before, u, plan, solution);
 }
 
 struct tk_guard {
@@ -327,8 +327,8 @@ int tk_guard_update(tk_guard *g, tk_estimator *e, int lifted, const double *now,
 
 int tk_guard_solve(tk_guard *g, tk_estimator *e, tk_controller *c, const double *psi, const double *reference,
                    const double *u_before, double *u, double *plan, tk_solution *solution) {
-	return e->f32 ? f32_supervised_solve(&g->f32, e->f32, &c->f32, psi, reference, u_before, u, plan, solution)
-	              : f64_supervised_solve(&g->f64, e->f64, &c->f64, psi, reference, u_before, u, plan, solution);
+	return e->f32 ? f32_controller_solve(&c->f32, &g->f32, e->f32, NULL, psi, reference, u_before, u, plan, solution)
+	              : f64_controller_solve(&c->f64, &g->f64, e->f64, NULL, psi, reference, u_before, u, plan, solution);
 }
 
 int tk_lowpass(int precision, double cutoff, double rate, size_t rows, size_t n, const double *x,

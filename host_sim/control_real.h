@@ -4,6 +4,7 @@
 typedef struct SIM(controller) {
 	KOOP(mpc) mpc;
 	REAL *weights;   /* owns Q, R, S, limits and the safe input */
+	REAL *limits;    /* u_min, then u_max */
 	REAL *storage;
 	REAL *reference; /* horizon rows of n */
 	REAL *theta;     /* as rls.theta */
@@ -49,6 +50,8 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 		return fail("out of memory");
 	}
 	REAL *next = c->weights;
+	c->limits = next;
+	const REAL *u_min = SIM(copied)(s->u_min, m, &next), *u_max = SIM(copied)(s->u_max, m, &next);
 	const KOOP(mpc_config) config = {
 	    .n_lifted = N,
 	    .n_states = n,
@@ -57,8 +60,8 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 	    .Q = SIM(copied)(s->Q, n * n, &next),
 	    .R = SIM(copied)(s->R, m * m, &next),
 	    .S = s->S ? SIM(copied)(s->S, m * m, &next) : NULL,
-	    .u_min = SIM(copied)(s->u_min, m, &next),
-	    .u_max = SIM(copied)(s->u_max, m, &next),
+	    .u_min = u_min,
+	    .u_max = u_max,
 	    .u_safe = SIM(copied)(s->u_safe, m, &next),
 	    .tolerance = (REAL)s->tolerance,
 	    .method = s->method,
@@ -71,6 +74,13 @@ static int SIM(controller_open)(SIM(controller) * c, const tk_mpc_settings *s, s
 		return fail("controller: %s", KOOP(status_message)(status));
 	}
 	return TK_OK;
+}
+
+/* Of the next solve, which reads them again. */
+static void SIM(controller_limits)(SIM(controller) * c, const double *u_min, const double *u_max) {
+	REAL *next = c->limits;
+	(void)SIM(copied)(u_min, c->mpc.config.n_inputs, &next);
+	(void)SIM(copied)(u_max, c->mpc.config.n_inputs, &next);
 }
 
 /* Theta (N x d) as rls.theta has it, into c->theta */

@@ -21,6 +21,7 @@ typedef struct SIM(own) {
 } SIM(own);
 
 static void SIM(own_free)(SIM(own) * own) {
+	if (!own) { return; }
 	for (size_t i = 0; own->settings && i < own->n_parts; i++) {
 		free(own->settings[i].states);
 		free(own->settings[i].numbers);
@@ -28,6 +29,7 @@ static void SIM(own_free)(SIM(own) * own) {
 	free(own->settings);
 	free(own->parts);
 	free(own->name);
+	free(own);
 }
 
 static const KOOP(kernel) *SIM(kernel)(const char *name) {

@@ -41,30 +41,15 @@ static double microseconds(void) {
 	return 1e6 * (double)now.tv_sec + 1e-3 * (double)now.tv_nsec;
 }
 
-#define REAL float
-#define KOOP(name) koopf_##name
-#define SIM(name) f32_##name
-#include "dictionary_real.h"
-#undef REAL
-#undef KOOP
-#undef SIM
-
-#define REAL double
-#define KOOP(name) koopd_##name
-#define SIM(name) f64_##name
-#include "dictionary_real.h"
-#undef REAL
-#undef KOOP
-#undef SIM
-
 struct tk_dictionary {
-	f32_own f32_own;
-	f64_own f64_own;
+	struct f32_own *f32_own;
+	struct f64_own *f64_own;
 };
 
 #define REAL float
 #define KOOP(name) koopf_##name
 #define SIM(name) f32_##name
+#include "dictionary_real.h"
 #include "estimator_real.h"
 #include "control_real.h"
 #undef REAL
@@ -74,6 +59,7 @@ struct tk_dictionary {
 #define REAL double
 #define KOOP(name) koopd_##name
 #define SIM(name) f64_##name
+#include "dictionary_real.h"
 #include "estimator_real.h"
 #include "control_real.h"
 #undef REAL
@@ -107,34 +93,46 @@ int tk_regulator_setting(size_t regulator, size_t setting, const char **name, do
 
 void tk_dictionary_free(tk_dictionary *d) {
 	if (!d) { return; }
-	f32_own_free(&d->f32_own);
-	f64_own_free(&d->f64_own);
+	f32_own_free(d->f32_own);
+	f64_own_free(d->f64_own);
 	free(d);
+}
+
+/* Gives *dictionary a new one that was made with this status, or frees it. */
+static int give_dictionary(tk_dictionary *d, int status, tk_dictionary **dictionary) {
+	if (status == TK_OK) {
+		*dictionary = d;
+	} else {
+		tk_dictionary_free(d);
+	}
+	return status;
+}
+
+static tk_dictionary *empty_dictionary(void) {
+	tk_dictionary *d = calloc(1, sizeof *d);
+	if (!d) { return NULL; }
+	d->f32_own = calloc(1, sizeof *d->f32_own);
+	d->f64_own = calloc(1, sizeof *d->f64_own);
+	if (d->f32_own && d->f64_own) { return d; }
+	tk_dictionary_free(d);
+	return NULL;
 }
 
 int tk_dictionary_new(const char *name, size_t n_states, size_t n_parts, const tk_part *parts,
                       tk_dictionary **dictionary) {
-	tk_dictionary *d = calloc(1, sizeof *d);
+	tk_dictionary *d = empty_dictionary();
 	if (!d) { return fail("out of memory"); }
-	if (f32_own_of_parts(&d->f32_own, name, n_states, n_parts, parts) != TK_OK ||
-	    f64_own_of_parts(&d->f64_own, name, n_states, n_parts, parts) != TK_OK) {
-		tk_dictionary_free(d);
-		return TK_ERROR;
-	}
-	*dictionary = d;
-	return TK_OK;
+	int status = f32_own_of_parts(d->f32_own, name, n_states, n_parts, parts);
+	if (status == TK_OK) { status = f64_own_of_parts(d->f64_own, name, n_states, n_parts, parts); }
+	return give_dictionary(d, status, dictionary);
 }
 
 int tk_dictionary_outside(const char *name, size_t n_states, size_t n_lifted, tk_dictionary **dictionary) {
-	tk_dictionary *d = calloc(1, sizeof *d);
+	tk_dictionary *d = empty_dictionary();
 	if (!d) { return fail("out of memory"); }
-	if (f32_own_outside(&d->f32_own, name, n_states, n_lifted) != TK_OK ||
-	    f64_own_outside(&d->f64_own, name, n_states, n_lifted) != TK_OK) {
-		tk_dictionary_free(d);
-		return TK_ERROR;
-	}
-	*dictionary = d;
-	return TK_OK;
+	int status = f32_own_outside(d->f32_own, name, n_states, n_lifted);
+	if (status == TK_OK) { status = f64_own_outside(d->f64_own, name, n_states, n_lifted); }
+	return give_dictionary(d, status, dictionary);
 }
 
 /* ---- Estimators ------------------------------------------------------------------ */
@@ -278,6 +276,15 @@ void tk_controller_free(tk_controller *c) {
 
 int tk_controller_reset(tk_controller *c) {
 	return c->f32.storage ? koopf_mpc_reset(&c->f32.mpc) : koopd_mpc_reset(&c->f64.mpc);
+}
+
+int tk_controller_limits(tk_controller *c, const double *u_min, const double *u_max) {
+	if (c->f32.storage) {
+		f32_controller_limits(&c->f32, u_min, u_max);
+	} else {
+		f64_controller_limits(&c->f64, u_min, u_max);
+	}
+	return TK_OK;
 }
 
 int tk_controller_solve(tk_controller *c, const double *theta, const double *psi, const double *reference,

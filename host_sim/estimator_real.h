@@ -186,7 +186,7 @@ static int SIM(start_gate)(SIM(estimator) * e) {
 
 static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	KOOP(config) config = {
-	    .dictionary = s->own ? &s->own->SIM(own).dictionary : SIM(dictionary)(s->dictionary),
+	    .dictionary = s->own ? &s->own->SIM(own)->dictionary : SIM(dictionary)(s->dictionary),
 	    .n_inputs = (size_t)s->n_inputs,
 	    .regulator = SIM(regulator)(s->regulator),
 	    .form = SIM(form)(s->form),

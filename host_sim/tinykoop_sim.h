@@ -389,6 +389,8 @@ TK_API int tk_controller_new(const tk_mpc_settings *settings, int precision, siz
 TK_API void tk_controller_free(tk_controller *controller);
 /* Forgets the plan: the next solve is a cold one. */
 TK_API int tk_controller_reset(tk_controller *controller);
+/* Limits (m each) from the next solve on, which keeps its warm start. */
+TK_API int tk_controller_limits(tk_controller *controller, const double *u_min, const double *u_max);
 /* plan (horizon rows of m) for Theta (N x (N+m)), psi (N) and reference (horizon rows of n), and u (m), the input
  * to give: the first of the plan, or the safe input. u_before (m): the input applied last, null without S. */
 TK_API int tk_controller_solve(tk_controller *controller, const double *theta, const double *psi,

@@ -144,7 +144,7 @@ def test_bad_parameters_are_refused_at_fit(drive, kwargs, message):
 @pytest.mark.parametrize("dictionary, message", [
     (lambda X: X[:, :2], "must be \\(K, N\\)"), (lambda X: np.ones((len(X), 5)), "must begin with the state"), ("rbf_dd", "no dictionary named"),
     (tk.RBF([[0.0, 0.0]], 0.0), "range"), (tk.RBF([[0.0, 0.0]], 1.0, kernel="box"), "kernel is 'box'"), (tk.Poly(9), "range"),
-    (tk.Products([(0, 3)]), "range"), (tk.Poly(8) + tk.Poly(8), "dimension"), (17, "dictionary is 17"),
+    (tk.Products([(0, 3)]), "range"), (tk.Poly(8) + tk.Poly(8), "dimension"), (17, "dictionary is 17"), (tk.Angles([-1]), "indices from 0 on"),
 ])  # fmt: skip
 def test_bad_dictionaries_are_refused(drive, dictionary, message):
     with pytest.raises((ValueError, TypeError, tk.UserError), match=message):
@@ -190,8 +190,10 @@ def test_mpc_plans_what_a_general_solver_plans(drive, method, rates):
     first = mpc.solve(model, x[50], goal, before)
     assert mpc.status_ == 0 and cost(mpc.plan_.ravel()) <= found.fun * (1 + 1e-6)
     np.testing.assert_allclose(first, found.x[:2], atol=2e-3)
-    mpc.u_max = np.array([0.05, 0.05])
-    assert (mpc.solve(model, x[50], goal, before) <= 0.05).all()
+    made, mpc.u_max = mpc._made[1], np.array([0.05, 0.05])
+    assert (mpc.solve(model, x[50], goal, before) <= 0.05).all() and mpc._made[1] is made  # warm
+    other = copy.deepcopy(mpc)
+    np.testing.assert_allclose(other.solve(model, x[50], goal, before), mpc.solve(model, x[50], goal, before), atol=1e-6)
 
 
 @pytest.mark.parametrize("precision", ["f32", "f64"])
@@ -222,6 +224,23 @@ def test_guard_plans_what_the_controller_plans_on_a_good_model(drive):
     np.testing.assert_allclose(first, mpc.solve(model, x[9], x[9] + [0.3, 0.1, 0.0]), atol=1e-9)
     with pytest.raises(ValueError, match="offline model of shape"):
         tk.Guard(model, mpc, model.theta[:, :-1])
+
+
+def test_guard_refuses_a_model_that_was_fitted_again(drive):
+    x, u = drive
+    model = tk.RLS("poly_ddr", 2, regulator="none", lam=1.0, precision="f64").fit(x, u)
+    guard = tk.Guard(model, tk.MPC(10, [20, 20, 3], [0.05, 0.08], [0, -1.2], [1.2, 1.2]), model.theta)
+    model.fit(x, u)
+    for call in (lambda: guard.solve(x[0], x[0]), lambda: guard.update(x[0], u[0], x[1])):
+        with pytest.raises(ValueError, match="make another Guard for it"):
+            call()
+
+
+def test_parameters_that_change_after_a_fit_do_not_reach_its_export(drive, tmp_path):
+    model = tk.RLS(tk.Poly(2), 2, precision="f32").fit(*drive)
+    model.export(tmp_path / "before.h")
+    model.set_params(precision="f64", dictionary=tk.Poly(3)).export(tmp_path / "after.h")
+    assert (tmp_path / "before.h").read_text() == (tmp_path / "after.h").read_text()
 
 
 # ---- the model, in files and in firmware ---------------------------------------------------------------------
@@ -298,6 +317,7 @@ def test_names_of_dictionaries_differ_with_their_settings():
     ]
     some += [tk.Angles([2]), tk.Angles([2], wrapped=True), tk.Angles([1]), tk.Products([(0, 1)]), tk.Products([(0, 2)])]
     assert len({one.name(3) for one in some}) == len(some)
+    assert tk.Poly(np.int64(2), low=np.int64(2)).name(3) == tk.Poly(2).name(3)
     assert (tk.Poly(2) + tk.Angles([2])).name(3) == (tk.Poly(2) + tk.Angles([2])).name(3)
 
 
@@ -372,8 +392,9 @@ def test_parameters_are_read_and_set():
     assert model.get_params()["regulator"] == "dz_cs" and model.set_params(lam=0.9).lam == 0.9 and "lam=0.9" in repr(model)
     with pytest.raises(ValueError, match="no parameter 'lambda'"):
         model.set_params(**{"lambda": 0.9})
-    with pytest.raises(ValueError, match="has learned nothing yet"):
-        model.predict(np.zeros((1, 3)))
+    for call in (model.predict, model.lift):
+        with pytest.raises(ValueError, match="has learned nothing yet"):
+            call(np.zeros((1, 3)))
 
 
 @pytest.mark.filterwarnings("ignore")

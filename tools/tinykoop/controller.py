@@ -33,7 +33,8 @@ class MPC:
     - method: ``newton`` (fastest) or ``gradient`` (smallest memory)
     - tolerance: of the KKT residual, units of the inputs; 0: the library's
 
-    Source: paper, section "Koopman-MPC with Online Learning for DDR". The limits may be changed between two solves.
+    Source: paper, section "Koopman-MPC with Online Learning for DDR". The limits may be changed between two solves, which
+    keeps the warm start.
     After a solve: ``status_`` (0, or why there was no plan), ``message_``, ``plan_`` (H, m), ``residual_``, ``iterations_``.
     """
 
@@ -43,20 +44,25 @@ class MPC:
         self._made = None
 
     def _controller(self, model):
-        """The controller of the library for such a model, and the limits that hold now."""
+        """The controller of the library for such a model, with the limits of now, and the number of tracked states."""
         m, N = model.n_inputs, model.theta.shape[0]
         n = np.size(self.Q) if np.ndim(self.Q) == 1 else model.n_features_in_ if np.ndim(self.Q) == 0 else len(self.Q)
-        limits = [np.broadcast_to(np.asarray(a, np.float64), m) for a in (self.u_min, self.u_max)]
+        low, high = (np.broadcast_to(np.asarray(a, np.float64), m) for a in (self.u_min, self.u_max))
         rates = None if self.S is None else _weights(self.S, m, "S")
         safe = None if self.u_safe is None else np.broadcast_to(np.asarray(self.u_safe, np.float64), m)
         if self.method not in METHODS:
             raise ValueError(f"method is {self.method!r}; it must be one of {', '.join(METHODS)}")
-        arrays = (_weights(self.Q, n, "Q"), _weights(self.R, m, "R"), rates, *limits, safe)
-        key = (N, n, model.precision, self.horizon, self.method, self.tolerance, *(None if a is None else a.tobytes() for a in arrays))
+        weights = _weights(self.Q, n, "Q"), _weights(self.R, m, "R"), rates
+        fixed = N, n, model.precision, self.horizon, self.method, self.tolerance
+        key = (*fixed, *(None if a is None else a.tobytes() for a in (*weights, safe)))
         if self._made is None or self._made[0] != key:
-            settings = mpc_settings(self.horizon, *arrays, self.tolerance, METHODS[self.method])
+            settings = mpc_settings(self.horizon, *weights, low, high, safe, self.tolerance, METHODS[self.method])
             self._made = key, Controller(settings, BITS[model.precision], N)
+        self._made[1].limit(low, high)
         return self._made[1], n
+
+    def __getstate__(self):
+        return vars(self) | {"_made": None}  # a copy starts cold
 
     def solve(self, model: RLS, x: np.ndarray, reference: np.ndarray, u_before: np.ndarray | None = None) -> np.ndarray:
         """The input (m,) to give in state x (n,): the first of the plan along reference (H, n), or (n,) that is held.
@@ -99,22 +105,29 @@ class Guard:
     def __init__(self, model: RLS, mpc: MPC, offline: np.ndarray, *, min_cosine=0.0, min_gain=0.0, max_gain=0.0, max_error_ratio=0.0,
                  max_residual=0.0, max_tracking_ratio=0.0, patience=0, renewal=0):  # fmt: skip
         self.model, self.mpc = model, mpc
+        self._core = model._started()
         settings = min_cosine, min_gain, max_gain, max_error_ratio, max_residual, max_tracking_ratio, patience, renewal
-        model.theta  # noqa: B018  raises if it has not begun
         mpc.reset()
         self._controller, self._n = mpc._controller(model)
         mpc.reset()  # the controller is the guard's alone
-        self._controller.guard(bridge.Supervisor(np.asarray(offline, np.float64), *settings), model._core)
+        self._controller.guard(bridge.Supervisor(np.asarray(offline, np.float64), *settings), self._core)
 
     def update(self, x: np.ndarray, u: np.ndarray, x_next: np.ndarray) -> Health:
         """As RLS.update()."""
+        self._same()
         return self.model._told(self.model._core_update(x, u, x_next, self._controller.guarded_update))
 
     def solve(self, x: np.ndarray, reference: np.ndarray, u_before: np.ndarray | None = None) -> np.ndarray:
         """As MPC.solve(), whose ``status_``, ``plan_``, .. are set."""
+        self._same()
         reference = np.broadcast_to(np.asarray(reference, np.float64), (self.mpc.horizon, self._n))
         psi = self.model.lift(np.reshape(np.asarray(x, np.float64), (1, -1)))[0]
         u = self.mpc._take(self._controller.guarded_solve(psi, reference, u_before))
         model, self.resets_ = self._controller.guarded_model
         self.model_ = bridge.MODELS[model]
         return u
+
+    def _same(self):
+        """Refuses a learner that was started again since: the supervisor knows the former one."""
+        if self.model._core is not self._core:
+            raise ValueError("the model was fitted again after this Guard was made: make another Guard for it")

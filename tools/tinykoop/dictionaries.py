@@ -8,6 +8,7 @@ it gives the same bits. The parts are those of ``koopf_combine`` in tinykoop_api
 import runpy
 import zlib
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -19,7 +20,11 @@ KERNELS = ("gaussian", "inverse_quadratic", "inverse_multiquadric", "multiquadri
 
 
 def _indices(states: Sequence[int] | None, count: int) -> tuple[int, ...]:
-    return tuple(range(count)) if states is None else tuple(int(i) for i in states)
+    """Indices of states, by default the first `count`."""
+    found = tuple(range(count)) if states is None else tuple(int(i) for i in states)
+    if any(not 0 <= i < 255 for i in found):
+        raise ValueError(f"states are {found}: they are indices from 0 on")
+    return found
 
 
 class Dictionary:
@@ -74,7 +79,7 @@ class Poly(Dictionary):
         self.degree, self.states, self.low = degree, states, low
 
     def parts(self, n):
-        return [Part("polynomials", _indices(self.states, n), low=self.low, high=self.degree)]
+        return [Part("polynomials", _indices(self.states, n), low=int(self.low), high=int(self.degree))]
 
 
 class Products(Dictionary):
@@ -84,7 +89,7 @@ class Products(Dictionary):
         self.pairs = pairs
 
     def parts(self, n):
-        return [Part("products", tuple(int(i) for pair in self.pairs for i in pair))]
+        return [Part("products", _indices([i for pair in self.pairs for i in pair], 0))]
 
 
 class Angles(Dictionary):
@@ -94,7 +99,7 @@ class Angles(Dictionary):
         self.states, self.wrapped = states, wrapped
 
     def parts(self, n):
-        return [Part("angles", _indices(self.states, 0), wrapped=self.wrapped)]
+        return [Part("angles", _indices(self.states, 0), wrapped=bool(self.wrapped))]
 
 
 class Constant(Dictionary):
@@ -155,8 +160,9 @@ def named(text: str, platform: str, n: int) -> str | Own:
     return from_file(text).own(n)
 
 
+@cache
 def from_file(text: str) -> "Dictionary | Function":
-    """The dictionary NAME of FILE.py, given as FILE.py:NAME. Raises UserError if it is not there or none."""
+    """The dictionary NAME of FILE.py, given as FILE.py:NAME; the file is run once. Raises UserError if it is not there or none."""
     file, _, name = text.rpartition(":")
     if not file.endswith(".py") or not name:
         raise UserError(f"--dictionary {text}: give {' or '.join(BUILT_IN)}, or FILE.py:NAME, a dictionary or a function in a Python file")

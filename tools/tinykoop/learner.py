@@ -15,7 +15,7 @@ from .plumbing import checkout
 from .plumbing.errors import UserError
 from .plumbing.results import write_bytes
 
-OK, INPUT, OUTLIER = 0, -5, -9  # KOOP_OK, KOOP_E_INPUT, KOOP_E_OUTLIER
+OK, OUTLIER = 0, -9  # KOOP_OK, KOOP_E_OUTLIER
 BITS = {"f32": 32, "f64": 64}
 CHECKS = {"refuse": bridge.CHECK_REFUSE, "report": bridge.CHECK_REPORT, "diagonal": bridge.CHECK_DIAGONAL}
 TRUST = {-1: None, 0: "trusted", 1: "doubtful", 2: "refuse"}
@@ -113,9 +113,9 @@ class RLS:
         if self.precision not in BITS or self.check not in CHECKS:
             raise ValueError(f"precision is {self.precision!r} and check {self.check!r}: they must be among {[*BITS]} and {[*CHECKS]}")
         given = dictionaries.of(self.dictionary)
-        known = set(self.settings or ()) - {s.name for s in bridge.regulators().get(self.regulator, ())}
-        if self.regulator in bridge.regulators() and known:
-            raise ValueError(f"regulator {self.regulator} has no setting {', '.join(sorted(known))}")
+        unknown = set(self.settings or ()) - {s.name for s in bridge.regulators().get(self.regulator, ())}
+        if self.regulator in bridge.regulators() and unknown:
+            raise ValueError(f"regulator {self.regulator} has no setting {', '.join(sorted(unknown))}")
         gate = self.gate
         gate = (gate.multiple, gate.floor, gate.patience, gate.hold) if isinstance(gate, Gate) else bool(gate)
         core = bridge.Estimator(
@@ -124,7 +124,8 @@ class RLS:
         )  # fmt: skip
         if core.n != n:
             raise ValueError(f"X has {n} features, but dictionary {given} is expecting {core.n} features as input")
-        self._core, self._last = core, None  # state that was lifted last by a function, and its psi
+        self._core, self._began = core, (given, self.precision)  # parameters that change later act from the next fit() on
+        self._last = None  # state that was lifted last by a function, and its psi
         self.n_features_in_, self.n_refused_, self.health_ = n, 0, None
 
     def begin(self, n_states: int) -> "RLS":
@@ -217,7 +218,8 @@ class RLS:
 
     def lift(self, X: np.ndarray) -> np.ndarray:
         """psi (K, N) of states X (K, n), in the precision of the learner."""
-        return self._core.lift(self._known(X))
+        X = self._known(X)
+        return self._core.lift(X)
 
     def predict(self, X: np.ndarray, U: np.ndarray | None = None) -> np.ndarray:
         """States (K, n) one step after X (K, n) under U (K, m), 0 if not given."""
@@ -282,10 +284,10 @@ class RLS:
         write_bytes(path, self._header(model, name, comment).encode() if path.suffix == ".h" else model)
 
     def _header(self, model, name, comment):
-        given = dictionaries.of(self.dictionary)
+        given, precision = self._began
         lines = [", ".join(f"0x{byte:02x}" for byte in model[i : i + 16]) for i in range(0, len(model), 16)]
-        told = f"/* TinyKoop model: float{BITS[self.precision]}, n = {self._core.n}, N = {self._core.N}, m = {self._core.m}{comment and f', {comment}'} */"
-        own = dictionaries.c_code(given, self._core.n, name, self.precision) if isinstance(given, dictionaries.Dictionary) else ""
+        told = f"/* TinyKoop model: float{BITS[precision]}, n = {self._core.n}, N = {self._core.N}, m = {self._core.m}{comment and f', {comment}'} */"
+        own = dictionaries.c_code(given, self._core.n, name, precision) if isinstance(given, dictionaries.Dictionary) else ""
         include = '#include "tinykoop.h"\n' if own else ""
         body = ",\n\t".join(lines)
         return f"{told}\n#include <stdint.h>\n{include}\nstatic const uint8_t {name}[{len(model)}] = {{\n\t{body},\n}};\n{own and chr(10) + own}"
@@ -303,7 +305,7 @@ class RLS:
     # ---- copies ----------------------------------------------------------------------------------------
 
     def __getstate__(self):
-        state = {key: value for key, value in vars(self).items() if key not in ("_core", "_last")}
+        state = {key: value for key, value in vars(self).items() if key not in ("_core", "_began", "_last")}
         return state | ({"_model": self._core.model(covariance=True)} if hasattr(self, "_core") else {})
 
     def __setstate__(self, state):

@@ -131,6 +131,11 @@ class Controller:
         """Forgets the plan: the next solve is a cold one."""
         call("tk_controller_reset", self._handle)
 
+    def limit(self, u_min, u_max):
+        """Limits (m,) from the next solve on, which keeps its warm start."""
+        limits = self._checked(zip((u_min, u_max), [(self._inputs,)] * 2))
+        call("tk_controller_limits", self._handle, *map(doubles, limits))
+
     def solve(self, theta, psi, reference, u_before=None):
         """Plans from psi (N) along reference (horizon, n) on theta (N, N+m); starts from the last plan, shifted."""
         arrays = self._checked(zip((theta, psi, reference), self._shapes))
@@ -154,18 +159,18 @@ class Controller:
 
     def guard(self, supervisor, estimator):
         """Puts a Supervisor over this controller and an Estimator of the same precision; later calls take that one."""
-        self._guard, self._of = _Guard(), estimator
+        self._guard, self._learner = _Guard(), estimator
         settings = supervisor.settings(self._shapes[0])
         call("tk_guard_new", settings, estimator.handle, self._handle, ct.byref(self._guard.handle))
 
     def guarded_solve(self, psi, reference, u_before=None):
         """As solve(), on the model that the supervisor trusts."""
         arrays = self._checked(zip((psi, reference), self._shapes[1:]))
-        return self._solution("tk_guard_solve", (self._guard.handle, self._of.handle, self._handle, *map(doubles, arrays)), u_before)
+        return self._solution("tk_guard_solve", (self._guard.handle, self._learner.handle, self._handle, *map(doubles, arrays)), u_before)
 
     def guarded_update(self, now, u, to, lifted=False):
         """As Estimator.update(), by the supervisor."""
-        return self._of.update(now, u, to, lifted, self._guard.handle)
+        return self._learner.update(now, u, to, lifted, self._guard.handle)
 
     @property
     def guarded_model(self):

@@ -10,6 +10,7 @@ from tinykoop import bridge
 from tinykoop.diagnose import elsewhere
 from tinykoop.diagnose.platforms import ddr
 from tinykoop.diagnose.platforms.ddr import diagnose
+from tinykoop.diagnose.prediction_errors import judge
 from tinykoop.diagnose.prediction_errors.fit import Cause
 from tinykoop.plumbing.errors import UserError
 
@@ -481,6 +482,16 @@ def test_fresh_log(name):
         _, off = bridge.windows(fresh.x, u, DT, range(50, rows - 50), [1, 10, 50], active, integrator=bridge.ARC)
         for H, expected in zip(("1", "10", "50"), np.sqrt((off[..., :2] ** 2).sum(-1).mean(0))):
             assert gap[key][H] == pytest.approx(expected, rel=0.03)
+
+
+def test_confidence_falls_where_a_fresh_log_is_missed_by_more_than_its_noise():
+    """Three quarters of the gap close there: the same effect, of another size, or another effect."""
+    larger = bridge.Effect("speed_gain", (1.3 * usual("speed_gain")[0].parameters[0],))
+    fresh = log_of(drive(SHORT, 50), [larger], seed=9)
+    (sure,) = single("speed_gain").report["effects"]
+    (doubted,) = diagnose(log_of(drive(SHORT), usual("speed_gain")), fresh=fresh).report["effects"]
+    assert sure["confidence"] > 0.99 and doubted["confidence"] == judge.DOUBT
+    assert doubted["params"] == sure["params"]
 
 
 @pytest.mark.parametrize("acts", [True, False], ids=["still there", "gone"])

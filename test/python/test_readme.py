@@ -133,6 +133,8 @@ def _figures_of_the_diagnoser():
         f"no effect has a confidence of {judge.BELIEVED:g}",
         f"at most {judge.UNSURE:g} if one command",
         f"at most {judge.DOUBT:g} beside what looks alike",
+        f"more than {100 * judge.HINTS:g} % of the gap is left",
+        f"over {ahead.FLOORS:g} times its noise floor and over {100 * ahead.LEFT:g} % of its gap",
         f"at {flight.RATE:g} Hz",
         f"at least {flight.LEAST_SECONDS:g} s long",
         f"autoregression over {healthy.LAGS} rows",

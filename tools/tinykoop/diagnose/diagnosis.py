@@ -200,6 +200,9 @@ def compare(report, fresh):
         for effect in report["effects"]:
             effect["confidence"] *= max(realised, 0.0)
         report["verdict"] = "partly" if realised >= HELPS else "unknown" if _has_gap(report) else "none"
+    elif ahead.misses(fresh["gap"]):
+        for effect in report["effects"]:
+            effect["confidence"] = min(effect["confidence"], judge.DOUBT)
     if report["verdict"] in ("unknown", "none"):
         report["best_fit"], report["effects"] = report["best_fit"] or report["effects"], []
 

@@ -5,6 +5,7 @@ import numpy as np
 HORIZONS = (1, 10, 50)  # steps, that predictions are compared after
 FOLDS, BLOCK = 4, 4.0  # of the log; s, of the blocks that they are made of
 DRAWS = 400  # of a bootstrap
+FLOORS, LEFT = 1.5, 0.1  # times the noise floor, and share of the gap, that effects leave if they are others
 SHOWS = 0.15  # of the noise, that a gap must stand out by to have a percentage
 
 
@@ -137,6 +138,13 @@ def summary(before, after, least, seed=0):
         "before": put(whole[0]), "after": put(whole[1]), "noise_floor": put(whole[2]), "closed_fraction": put(share),
         "ci95": {str(h): [float(a), float(b)] for h, a, b in zip(HORIZONS, *spread)},
     }  # fmt: skip
+
+
+def misses(gap):
+    """Whether predictions with causes miss clearly more than noise makes, and a part of the gap (as of a report) that matters."""
+    before, after, floor = (np.array([*gap[part].values()])[1:] for part in ("before", "after", "noise_floor"))
+    with np.errstate(invalid="ignore"):
+        return bool(((after > FLOORS * floor) & (after**2 - floor**2 > LEFT**2 * (before**2 - floor**2))).any())
 
 
 def opens(gap):

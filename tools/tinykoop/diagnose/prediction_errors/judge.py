@@ -27,6 +27,7 @@ MAIN, OTHER = 3.0, 5.0  # growth of their logarithm by decade of squares, of the
 OF_STEADINESS, STEADY = 15.0, 0.9  # the same by share of stretches in which squares are gained; share at which that counts for nothing
 OF_CHANCE = 3.0  # the same by standard error of the mean gain, below what is clear
 DOUBT = 0.8  # of a confidence stays where something is left
+HINTS = 0.03  # share of the gap that is left, from which on the effects may be others
 UNSURE = 0.5  # most confidence where one command was held throughout
 MISTAKABLE = 0.8  # most confidence beside an effect that does nearly the same
 CORRELATED, LAGS = 0.2, 4  # innovations more correlated than that, so many rows apart, are not those of the noise that is told
@@ -146,7 +147,7 @@ def certainty(path, worth, main, steadiness, left, alike):
     share, errors = steadiness
     odds = (MAIN if worth == main else OTHER) * np.log10(max(worth, 1.0) / doubted) + OF_STEADINESS * (share - STEADY)
     odds += OF_CHANCE * min(errors - CLEARLY, 0.0)
-    unclear = alike or not left.white or (left.shows and not path.wanders)
+    unclear = alike or not left.white or left.share > HINTS or (left.shows and not path.wanders)
     return float(special.expit(odds)) * (DOUBT if unclear else 1.0)
 
 

@@ -114,12 +114,44 @@ static void SIM(lift_outside)(const KOOP(dictionary) *self, const REAL *x, REAL 
 	for (size_t i = 0; i < self->n_lifted; i++) { psi[i] = (REAL)NAN; }
 }
 
+/* Whether n and N are within the library's limits. */
+static int SIM(own_fits)(const char *name, size_t n_states, size_t n_lifted) {
+	if (n_states >= 1 && n_lifted >= n_states && n_lifted <= KOOP_MAX_DIM) { return TK_OK; }
+	return fail("dictionary '%s' makes %zu lifted states of %zu: at least as many as states are needed, and at most %d",
+	            name, n_lifted, n_states, KOOP_MAX_DIM);
+}
+
 static int SIM(own_outside)(SIM(own) * own, const char *name, size_t n_states, size_t n_lifted) {
-	if (n_states < 1 || n_lifted < n_states || n_lifted > KOOP_MAX_DIM) {
-		return fail("dictionary '%s' makes %zu lifted states of %zu: at least as many as states are needed, and at most %d",
-		            name, n_lifted, n_states, KOOP_MAX_DIM);
-	}
-	if (SIM(own_name)(own, name) != TK_OK) { return TK_ERROR; }
+	if (SIM(own_fits)(name, n_states, n_lifted) != TK_OK || SIM(own_name)(own, name) != TK_OK) { return TK_ERROR; }
 	own->dictionary = (KOOP(dictionary)){own->name, n_states, n_lifted, SIM(lift_outside), NULL};
+	return TK_OK;
+}
+
+/* Lifts one state and looks at what was written: a loop of the user's own may end too early or too late. */
+static int SIM(own_writes)(const KOOP(dictionary) *given) {
+	const REAL unwritten = (REAL)-3.0e33;
+	REAL x[KOOP_MAX_DIM], psi[KOOP_MAX_DIM + 1];
+	for (size_t i = 0; i < KOOP_MAX_DIM; i++) { x[i] = (REAL)0.125 * (REAL)(i + 1); }
+	for (size_t i = 0; i <= KOOP_MAX_DIM; i++) { psi[i] = unwritten; }
+	given->lift(given, x, psi);
+	for (size_t i = 0; i <= given->n_lifted; i++) {
+		const int written = memcmp(&psi[i], &unwritten, sizeof unwritten) != 0;
+		if (i < given->n_states && memcmp(&psi[i], &x[i], sizeof *x) != 0) {
+			return fail("dictionary '%s': psi must begin with the state, but psi[%zu] is not x[%zu]", given->name, i, i);
+		}
+		if (written == (i == given->n_lifted)) {
+			return fail("dictionary '%s': n_lifted is %zu, but lift() %s psi[%zu]", given->name, given->n_lifted,
+			            written ? "also writes" : "does not write", i);
+		}
+	}
+	return TK_OK;
+}
+
+static int SIM(own_given)(SIM(own) * own, const KOOP(dictionary) *given) {
+	if (!given->name || !given->lift) {
+		return fail("dictionary '%s': name and lift must be filled in where the constant is defined", given->name ? given->name : "");
+	}
+	if (SIM(own_fits)(given->name, given->n_states, given->n_lifted) != TK_OK || SIM(own_writes)(given) != TK_OK) { return TK_ERROR; }
+	own->dictionary = *given;
 	return TK_OK;
 }

@@ -135,6 +135,14 @@ int tk_dictionary_outside(const char *name, size_t n_states, size_t n_lifted, tk
 	return give_dictionary(d, status, dictionary);
 }
 
+int tk_dictionary_given(const void *f32, const void *f64, tk_dictionary **dictionary) {
+	tk_dictionary *d = empty_dictionary();
+	if (!d) { return fail("out of memory"); }
+	int status = f32_own_given(d->f32_own, f32);
+	if (status == TK_OK) { status = f64_own_given(d->f64_own, f64); }
+	return give_dictionary(d, status, dictionary);
+}
+
 /* ---- Estimators ------------------------------------------------------------------ */
 
 struct tk_estimator {

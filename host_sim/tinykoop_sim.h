@@ -234,6 +234,8 @@ TK_API int tk_dictionary_new(const char *name, size_t n_states, size_t n_parts, 
                              tk_dictionary **dictionary);
 /* Whose states the caller lifts: calls take psi instead of x. */
 TK_API int tk_dictionary_outside(const char *name, size_t n_states, size_t n_lifted, tk_dictionary **dictionary);
+/* A koopf_dictionary and a koopd_dictionary of a compiled source, which must outlive it. One lift of each is tried. */
+TK_API int tk_dictionary_given(const void *f32, const void *f64, tk_dictionary **dictionary);
 TK_API void tk_dictionary_free(tk_dictionary *dictionary);
 
 /* Settings of a gate; zeros mean the library's defaults. */

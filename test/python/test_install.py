@@ -175,6 +175,12 @@ def test_robots_of_your_own_work(command, tmp_path):
     assert "lag" in run(command, "effects", "--robot", "bot.toml", folder=tmp_path).stdout
 
 
+def test_dictionaries_in_c_are_compiled_against_the_sources_inside(command, tmp_path):
+    (tmp_path / "own.c").write_text((ROOT / "examples/drive_dictionary.c").read_text())
+    program = "import tinykoop as tk; print(tk.RLS(tk.CSource('own.c', 'drive'), 2).begin(3).theta.shape)"
+    assert run(command.parent / "python", "-c", program, folder=tmp_path).stdout == "(6, 8)\n"
+
+
 @pytest.mark.parametrize(
     "arguments", [*cli.DEVELOPERS, "learn --update", "demo --update", "blind --robot car"], ids=lambda arguments: arguments.replace(" ", "")
 )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .dictionaries import RBF as RBF
     from .dictionaries import Angles as Angles
     from .dictionaries import Constant as Constant
+    from .dictionaries import CSource as CSource
     from .dictionaries import Function as Function
     from .dictionaries import Poly as Poly
     from .dictionaries import Products as Products
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "bridge": ("Effect", "Log", "lowpass", "read_log", "regulators", "simulate", "threshold", "write_log"),
     "controller": ("MPC", "Guard"),
-    "dictionaries": ("RBF", "Angles", "Constant", "Function", "Poly", "Products"),
+    "dictionaries": ("RBF", "Angles", "Constant", "CSource", "Function", "Poly", "Products"),
     "learner": ("RLS", "Gate", "Health", "Refused", "c_library"),
     "plumbing.errors": ("UserError",),
 }

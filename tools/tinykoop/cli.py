@@ -14,6 +14,7 @@ from .plumbing.errors import UserError
 from .plumbing.results import printable
 
 INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
+OWN, OWN_FILE = "FILE:NAME", "own.py:NAME or own.c:NAME"
 TABLES = (  # commands that write what they measured into the docs
     "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize",
@@ -67,12 +68,12 @@ def _your_log(add):
     play = add("replay", "run the eleven methods over a log, both precisions and forms")
     play.add_argument("log")
     play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    play.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, with every regulator, instead of poly and rbf")
+    play.add_argument("--dictionary", metavar=OWN, help=f"your own, with every regulator, instead of poly and rbf: {OWN_FILE}")
 
     pick = add("choose", "choose dictionary, regulator, lambda and dead zone by prediction errors")
     pick.add_argument("log", nargs="+")
     pick.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    pick.add_argument("--dictionary", metavar="FILE.py:NAME", help="your own, beside poly and rbf")
+    pick.add_argument("--dictionary", metavar=OWN, help=f"your own, beside poly and rbf: {OWN_FILE}")
 
     when = add("changes", "detect when something changed in a log, such as wind, from its innovations")
     when.add_argument("log")
@@ -105,7 +106,7 @@ def _your_log(add):
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
     fit.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    fit.add_argument("--dictionary", default="rbf", help="poly, rbf, or FILE.py:NAME, your own (default: rbf)")
+    fit.add_argument("--dictionary", default="rbf", metavar=OWN, help=f"poly, rbf, or your own: {OWN_FILE}")
     fit.add_argument("--precision", type=int, choices=(32, 64), default=32, help="bits of a number")
     fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation")
 

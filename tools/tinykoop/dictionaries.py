@@ -1,18 +1,22 @@
-"""Dictionaries of your own: how a state is lifted, from parts that the C library has, or by any Python function.
+"""Dictionaries of your own: how a state is lifted, from parts that the C library has, by a C source, or by any Python function.
 
 A dictionary lifts states x (K, n) to psi (K, N): the state itself, then the functions of each part. Parts are put
 together by ``+``. What is made of parts runs in C, in float32 or float64, and ``c_code`` writes it for firmware: there
 it gives the same bits. The parts are those of ``koopf_combine`` in tinykoop_api.h.
 """
 
+import re
 import runpy
 import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
-from .bridge.dictionaries import Own, Part
+from . import bridge
+from .bridge.compiler import compiled
+from .bridge.dictionaries import Compiled, Own, Part
 from .plumbing.errors import UserError
 
 BUILT_IN = ("poly", "rbf")  # of every platform
@@ -129,9 +133,13 @@ class Function:
     def __init__(self, function: Callable[[np.ndarray], np.ndarray], each: bool = False, name: str | None = None):
         self.function, self.each, self.name = function, each, name
 
+    def __str__(self):
+        return "a Python function"
+
     def lift(self, x: np.ndarray) -> np.ndarray:
         """psi (K, N) of states (K, n). Raises ValueError if the function gives anything else."""
-        psi = np.array([self.function(row) for row in x]) if self.each else np.asarray(self.function(x))
+        with np.errstate(all="ignore"):  # what is not finite is refused by its row
+            psi = np.array([self.function(row) for row in x]) if self.each else np.asarray(self.function(x))
         if psi.ndim != 2 or len(psi) != len(x) or psi.shape[1] < x.shape[1]:
             raise ValueError(f"the dictionary made an array of shape {psi.shape} of states of shape {x.shape}; it must be (K, N), N >= n")
         if not np.array_equal(psi[:, : x.shape[1]], x, equal_nan=True):
@@ -144,9 +152,40 @@ class Function:
         return Own(name, n, n_lifted=self.lift(np.zeros((1, n))).shape[1], lift=self.lift)
 
 
+class CSource:
+    """A dictionary in C, as firmware compiles it: the koopf_dictionary `name` of a file, which may be static.
+
+    The compiler is ``$CC``, or ``cc``. In float64 the koopd_dictionary is used that the file defines by
+    ``KOOP(dictionary) KOOP(name)`` and ``KOOP_REAL``; a file without one is lifted in float32 there, too.
+    """
+
+    def __init__(self, file: str | Path, name: str):
+        self.file, self.name = str(file), re.sub("^koop[fd]_", "", name)
+
+    def __str__(self):
+        return f"{self.file}:{self.name}"
+
+    def own(self, n: int) -> Compiled:
+        """The compiled dictionary, for states of n values. Raises UserError if it does not compile or fit."""
+        if not re.fullmatch(r"[A-Za-z_]\w*", self.name, re.ASCII):
+            raise UserError(f"{self}: NAME is the name of a constant in the C file")
+        try:
+            text = Path(self.file).read_text(errors="replace")
+        except OSError as error:
+            raise UserError(f"{self.file}: {error.strerror}") from None
+        pointers = compiled(self.file, self.name, text)
+        try:
+            own = Compiled(*pointers)
+        except UserError as error:
+            raise UserError(f"{self}: {error}") from None
+        if own.n != n:
+            raise UserError(f"{self}: it lifts states of {own.n} values, but these have {n}")
+        return own
+
+
 def of(dictionary):
     """A dictionary of this module, or the name of a built-in one, from what a user gave."""
-    if isinstance(dictionary, (str, Dictionary, Function)):
+    if isinstance(dictionary, (str, Dictionary, Function, CSource)):
         return dictionary
     if callable(dictionary):
         return Function(dictionary)
@@ -154,18 +193,42 @@ def of(dictionary):
 
 
 def named(text: str, platform: str, n: int) -> str | Own:
-    """What bridge.Estimator takes of a --dictionary: `poly` or `rbf` of a platform, or FILE.py:NAME for states of n values."""
-    if text in BUILT_IN:
-        return f"{text}_{platform}"
-    return from_file(text).own(n)
+    """What bridge.Estimator takes of a --dictionary: `poly` or `rbf` of a platform, or that of a file for states of n values."""
+    return f"{text}_{platform}" if text in BUILT_IN else _own(text, n)
+
+
+def _own(text, n):
+    """The dictionary of a file, for states of n values."""
+    given = from_file(text)
+    try:
+        return given.own(n)
+    except Exception as error:  # of whatever kind: a function is the user's
+        if isinstance(given, CSource) and isinstance(error, UserError):  # which names the file
+            raise
+        told = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        raise UserError(f"{text}, for states of {n} values: {told}") from None
+
+
+def check(estimator: "bridge.Estimator", x: np.ndarray, used: np.ndarray, dictionary: str) -> None:
+    """Raises UserError, with the row, if the dictionary of an estimator is not finite for a used (K) state of x (K, n)."""
+    if used.any():
+        try:
+            estimator.lift(np.where(used[:, None], x, x[np.argmax(used)]))
+        except UserError as error:
+            raise UserError(f"{dictionary}: {error}") from None
 
 
 @cache
-def from_file(text: str) -> "Dictionary | Function":
-    """The dictionary NAME of FILE.py, given as FILE.py:NAME; the file is run once. Raises UserError if it is not there or none."""
+def from_file(text: str) -> "Dictionary | Function | CSource":
+    """The dictionary of FILE.py:NAME, whose file is run once, or of FILE.c:NAME. Raises UserError if it is not there or none."""
     file, _, name = text.rpartition(":")
-    if not file.endswith(".py") or not name:
-        raise UserError(f"--dictionary {text}: give {' or '.join(BUILT_IN)}, or FILE.py:NAME, a dictionary or a function in a Python file")
+    if not file.endswith((".py", ".c")) or not name:
+        raise UserError(
+            f"--dictionary {text}: give {' or '.join(BUILT_IN)}, FILE.py:NAME, a dictionary or a function in a Python file,"
+            " or FILE.c:NAME, a koopf_dictionary in a C file"
+        )
+    if file.endswith(".c"):
+        return CSource(file, name)
     try:
         module = runpy.run_path(file)
     except OSError as error:
@@ -174,6 +237,8 @@ def from_file(text: str) -> "Dictionary | Function":
         raise UserError(f"--dictionary {file}: running it failed with {type(error).__name__}: {error}") from None
     if name not in module:
         raise UserError(f"--dictionary {file}: it defines no {name!r}")
+    if isinstance(module[name], str):
+        raise UserError(f"--dictionary {text}: it is a text; give a dictionary or a function")
     try:
         return of(module[name])
     except TypeError as error:
@@ -181,6 +246,11 @@ def from_file(text: str) -> "Dictionary | Function":
 
 
 # ---- C code ------------------------------------------------------------------------------------------
+
+
+def comment(text: str) -> str:
+    """A C comment, which no text ends early, nor opens again."""
+    return f"/* {re.sub(r'(?<=[*])(?=/)|(?<=/)(?=[*])', ' ', text)} */"
 
 
 def _reals(values, bits):

@@ -286,10 +286,13 @@ class RLS:
     def _header(self, model, name, comment):
         given, precision = self._began
         lines = [", ".join(f"0x{byte:02x}" for byte in model[i : i + 16]) for i in range(0, len(model), 16)]
-        told = f"/* TinyKoop model: float{BITS[precision]}, n = {self._core.n}, N = {self._core.N}, m = {self._core.m}{comment and f', {comment}'} */"
-        own = dictionaries.c_code(given, self._core.n, name, precision) if isinstance(given, dictionaries.Dictionary) else ""
-        include = '#include "tinykoop.h"\n' if own else ""
-        body = ",\n\t".join(lines)
+        sizes = f"n = {self._core.n}, N = {self._core.N}, m = {self._core.m}"
+        told = dictionaries.comment(f"TinyKoop model: float{BITS[precision]}, {sizes}{comment and f', {comment}'}")
+        include, own, body = "", "", ",\n\t".join(lines)
+        if isinstance(given, dictionaries.Dictionary):
+            include, own = '#include "tinykoop.h"\n', dictionaries.c_code(given, self._core.n, name, precision)
+        elif not isinstance(given, str):
+            told += "\n" + dictionaries.comment(f'It loads only with the dictionary "{given.own(self._core.n).name}": {given}')
         return f"{told}\n#include <stdint.h>\n{include}\nstatic const uint8_t {name}[{len(model)}] = {{\n\t{body},\n}};\n{own and chr(10) + own}"
 
     def load(self, path: str | Path, n_states: int | None = None) -> "RLS":

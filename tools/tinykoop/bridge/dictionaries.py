@@ -48,7 +48,7 @@ class Own:
     """
 
     def __init__(self, name, n_states, parts=(), n_lifted=None, lift=None):
-        self.handle, self.lift = ct.c_void_p(), lift
+        self.handle, self.name, self.lift = ct.c_void_p(), name, lift
         if lift:
             sizes = ct.c_size_t(n_states), ct.c_size_t(n_lifted)
             call("tk_dictionary_outside", name.encode(), *sizes, ct.byref(self.handle))
@@ -64,3 +64,24 @@ class Own:
     def __del__(self):
         if getattr(self, "handle", None):
             raw("tk_dictionary_free", self.handle)
+
+
+class Given(ct.Structure):
+    """koopf_dictionary or koopd_dictionary of a compiled source."""
+
+    _fields_ = [
+        ("name", ct.c_char_p),
+        ("n_states", ct.c_size_t),
+        ("n_lifted", ct.c_size_t),
+        ("lift", ct.c_void_p),
+        ("context", ct.c_void_p),
+    ]
+
+
+class Compiled(Own):
+    """A dictionary of a compiled source, by pointers to Given in float and in double. The library must stay loaded."""
+
+    def __init__(self, f32, f64):
+        self.handle, self.lift = ct.c_void_p(), None
+        call("tk_dictionary_given", f32, f64, ct.byref(self.handle))
+        self.name, self.n = f32.contents.name.decode(errors="replace"), f32.contents.n_states

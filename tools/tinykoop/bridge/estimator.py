@@ -11,6 +11,7 @@ from .regulators import setting_values
 from .unmodelled import active_effects
 
 CHECK_REFUSE, CHECK_REPORT, CHECK_DIAGONAL = 0, 1, 2
+OVERFLOW = -6  # KOOP_E_OVERFLOW
 
 # What a replay writes down, with one row for each transition.
 FLAGS = ("status", "frozen", "positive_definite", "trust")
@@ -163,12 +164,20 @@ class Estimator:
         call("tk_estimator_load", self._handle, model, ct.c_size_t(len(model)))
 
     def lift(self, x):
-        """Lifts states x (K, n) in this precision; returns Psi(x), (K, N)."""
+        """Lifts states x (K, n) in this precision; returns Psi(x), (K, N). Raises UserError if it is not finite."""
         x = reals(x, self.n)
         if self.by_function:
-            return self.by_function(x)
+            return self._finite(self.by_function(x))
         psi = np.empty((len(x), self.N))
         call("tk_lift", self._handle, ct.c_size_t(len(x)), doubles(x), doubles(psi))
+        return psi
+
+    @staticmethod
+    def _finite(psi):
+        """What a Python function lifted, refused as the library refuses its own."""
+        finite = np.isfinite(psi).all(axis=1)
+        if not finite.all():
+            raise UserError(f"lift, row {np.argmin(finite)}: {raw('tk_status_message', OVERFLOW).decode()}")
         return psi
 
     @property

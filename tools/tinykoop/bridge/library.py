@@ -46,6 +46,12 @@ def raw(name, *arguments):
     return getattr(_c, name)(*arguments)
 
 
+def loaded():
+    """Path of the library, which is loaded then."""
+    raw("tk_message")
+    return _LIBRARY
+
+
 def call(name, *arguments):
     """Raises what the library says of arguments that it refuses."""
     if raw(name, *arguments) != 0:

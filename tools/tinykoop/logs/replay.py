@@ -49,7 +49,9 @@ def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0,
     """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge. dictionary: as --dictionary."""
     lifting = dictionaries.named(dictionary, platform, log.x.shape[1])
     estimator = bridge.Estimator(lifting, "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
-    estimator.replay(log.x, log.u[:-1], usable=log.usable if usable is None else usable, traces=())
+    usable = log.usable if usable is None else usable
+    dictionaries.check(estimator, log.x, np.append(usable, False) | np.append(False, usable), dictionary)
+    estimator.replay(log.x, log.u[:-1], usable=usable, traces=())
     return estimator
 
 

@@ -1,0 +1,5 @@
+"""The dictionary of drive_dictionary.c from parts."""
+
+from tinykoop import Angles, Products
+
+drive = Products([(0, 1)]) + Angles([2])

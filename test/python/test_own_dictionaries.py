@@ -1,0 +1,301 @@
+"""Dictionaries of one's own in the commands: C sources against NumPy and firmware."""
+
+import copy
+import pickle
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tinykoop as tk
+from tinykoop import bridge, dictionaries
+from tinykoop.experiments import scenario
+from tinykoop.logs import choose, fit, replay
+
+ROOT, DT = Path(__file__).resolve().parents[2], 0.05
+STRICT = "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wdouble-promotion -Werror -O1".split()
+REAL = {"f32": ("koopf", "float"), "f64": ("koopd", "double")}
+
+# In float alone, static, of a file that is a whole firmware.
+FLOAT = """
+#include <math.h>
+
+#include "tinykoop.h"
+#include "count.h"
+
+static void lift(const koopf_dictionary *self, const float *x, float *psi) {
+	const float *scale = self->context;
+	for (int i = 0; i < STATES; i++) { psi[i] = x[i]; }
+	psi[3] = *scale * sinf(x[2]);
+	psi[4] = *scale * cosf(x[2]);
+}
+
+static const float half = 0.5f;
+static const koopf_dictionary turning = {.name = "turning", .n_states = 3, .n_lifted = 5, .lift = lift, .context = &half};
+
+int main(void) { return turning.n_lifted != 5; }
+"""
+
+# In both precisions, by the names that the library's own sources use, with one of its parts.
+BOTH = """
+#include "tinykoop.h"
+
+#ifndef KOOP /* firmware compiles it in float */
+#define KOOP(name) koopf_##name
+#define KOOP_REAL float
+#endif
+
+static void lift(const KOOP(dictionary) *self, const KOOP_REAL *x, KOOP_REAL *psi) {
+	static const unsigned char heading[] = {2};
+	static const KOOP(angles) turn = {heading, 1, 0};
+	(void)self;
+	for (int i = 0; i < 3; i++) { psi[i] = x[i]; }
+	psi[3] = x[0] * x[1] / 3;
+	KOOP(part_angles).write(&turn, x, psi + 4);
+}
+
+const KOOP(dictionary) KOOP(mine) = {"mine", 3, 6, lift, NULL};
+"""
+
+PARTS = """
+import numpy as np
+from tinykoop import RBF, Angles, Constant, Poly, Products
+
+parts = Constant() + Angles([2, 0], wrapped=True) + Products([(0, 1), (2, 2)]) + Poly(3, low=0, states=[0, 2])
+for kernel, sigma in {"gaussian": 1.5, "inverse_quadratic": 0.1, "inverse_multiquadric": 2, "multiquadric": 3, "thin_plate": 0.7}.items():
+    parts = parts + RBF([[0.1, 0.2], [1 / 3, -1.7], [2.0, 1e-3]], sigma, states=[1, 2], kernel=kernel)
+
+def lifted(X):
+    return np.column_stack([X, np.sin(X[:, 2])])
+
+def same(X):  # as `mine` of both.c
+    return np.column_stack([X, X[:, 0] * X[:, 1] / 3, np.sin(X[:, 2]), np.cos(X[:, 2])])
+
+def logarithm(X):
+    return np.column_stack([X, np.log(X[:, 0])])
+
+text = "rbf"
+"""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """A folder with dictionaries and a log."""
+    folder, rng = tmp_path_factory.mktemp("own"), np.random.default_rng(4)
+    for name, text in {"float.c": FLOAT, "both.c": BOTH, "own.py": PARTS, "count.h": "enum { STATES = 3 };"}.items():
+        (folder / name).write_text(text)
+    u = np.repeat(rng.uniform((0.2, -1), (1.2, 1), (75, 2)), 20, axis=0)
+    bridge.write_log(folder / "log.csv", bridge.simulate(u[:-1], DT) + rng.normal(size=(1500, 3)) * 0.002, u, DT)
+    return folder
+
+
+def states(count=200):
+    return np.random.default_rng(1).normal(size=(count, 3)).astype(np.float32).astype(float) * 2
+
+
+def lifted_by_c(folder, precision, before, dictionary, x):
+    """psi (K, N) of a program by gcc, which has this C code before it and a dictionary by this expression."""
+    koop, real = REAL[precision]
+    (folder / "main.c").write_text(f"""{before}
+#include <stdio.h>
+int main(void) {{
+	{koop}_dictionary made;
+	const {koop}_dictionary *dictionary = &made;
+	{dictionary}
+	double read[3];
+	while (scanf("%lf %lf %lf", read, read + 1, read + 2) == 3) {{
+		const {real} x[3] = {{({real})read[0], ({real})read[1], ({real})read[2]}};
+		{real} psi[KOOP_MAX_DIM];
+		if ({koop}_lift(dictionary, x, psi) != KOOP_OK) {{ return 1; }}
+		for (size_t i = 0; i < dictionary->n_lifted; i++) {{ printf("%a ", (double)psi[i]); }}
+		printf("\\n");
+	}}
+	return 0;
+}}
+""")
+    command = ["gcc", *STRICT, "-I", ROOT / "lib/include", "main.c", ROOT / f"lib/{koop}.c", "-lm", "-o", "main"]
+    subprocess.run(command, cwd=folder, check=True)
+    rows = "\n".join(" ".join(float(v).hex() for v in row) for row in x)
+    said = subprocess.run([folder / "main"], input=rows, text=True, capture_output=True, check=True).stdout
+    return np.array([[float.fromhex(v) for v in line.split()] for line in said.splitlines()])
+
+
+def lift(given, precision, x):
+    return bridge.Estimator(given.own(3), "none", {"f32": 32, "f64": 64}[precision]).lift(x)
+
+
+# ---- C sources -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_c_source_lifts_the_bits_of_firmware(own, precision):
+    x = states()
+    define = "" if precision == "f32" else "#define KOOP(name) koopd_##name\n#define KOOP_REAL double"
+    before = f'#include "tinykoop.h"\n{define}\n{BOTH}'
+    flown = lifted_by_c(own, precision, before, f"made = {REAL[precision][0]}_mine;", x)
+    np.testing.assert_array_equal(lift(tk.CSource(own / "both.c", "mine"), precision, x), flown)
+    exact = np.column_stack([x, x[:, 0] * x[:, 1] / 3, np.sin(x[:, 2]), np.cos(x[:, 2])])
+    np.testing.assert_allclose(flown, exact, rtol=0, atol={"f32": 1e-6, "f64": 2e-15}[precision])
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_the_example_in_c_lifts_the_bits_of_the_one_in_python(precision):
+    sources = (
+        tk.CSource(ROOT / "examples/drive_dictionary.c", "drive"),
+        dictionaries.from_file(f"{ROOT}/examples/drive_dictionary.py:drive"),
+    )
+    np.testing.assert_array_equal(*(lift(source, precision, states()) for source in sources))
+
+
+def test_source_in_float_alone_keeps_the_state_in_double(own):
+    x = np.random.default_rng(2).normal(size=(50, 3))
+    f32, f64 = (lift(tk.CSource(own / "float.c", "turning"), precision, x) for precision in ("f32", "f64"))
+    np.testing.assert_array_equal(f64[:, :3], x)
+    np.testing.assert_array_equal(f64[:, 3:], f32[:, 3:])
+    np.testing.assert_allclose(f32[:, 3:], 0.5 * np.column_stack([np.sin(x[:, 2]), np.cos(x[:, 2])]), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["mine", "koopf_mine", "koopd_mine"])
+def test_constant_is_named_with_or_without_its_prefix(own, name):
+    assert lift(tk.CSource(own / "both.c", name), "f64", states(2)).shape == (2, 6)
+
+
+def test_file_that_changes_is_compiled_again(own, tmp_path):
+    for scale in (0.5, 0.25):
+        (tmp_path / "a.c").write_text(FLOAT.replace("half = 0.5f", f"half = {scale}f").replace('"count.h"', f'"{own / "count.h"}"'))
+        psi = lift(tk.CSource(tmp_path / "a.c", "turning"), "f32", np.array([[0.0, 0.0, 0.0]]))
+        assert psi[0, 4] == scale
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
+def test_learner_with_a_c_source_is_copied(own, copied):
+    log = bridge.read_log(own / "log.csv")
+    model = tk.RLS(tk.CSource(own / "both.c", "mine"), 2).fit(log.x, log.u)
+    other = copied(model)
+    np.testing.assert_array_equal(other.predict(log.x, log.u), model.predict(log.x, log.u))
+    assert model.score(log.x, log.u) > 0.99
+
+
+def test_functions_of_the_source_do_not_meet_those_of_the_process(tmp_path):
+    text = FLOAT.replace('#include "count.h"', "#define STATES 3").replace("psi[3] =", "psi[3] = tk_message() *")
+    (tmp_path / "a.c").write_text(text.replace("static void", "float tk_message(void);\nfloat tk_message(void) { return 1; }\nstatic void"))
+    np.testing.assert_array_equal(lift(tk.CSource(tmp_path / "a.c", "turning"), "f32", np.zeros((1, 3))), [[0, 0, 0, 0, 0.5]])
+
+
+LIFT = "static void lift(const koopf_dictionary *self, const float *x, float *psi) {{ (void)self; {} }}\n"
+GOOD = "for (int i = 0; i < 3; i++) { psi[i] = x[i]; } psi[3] = 1 / x[0];"
+
+
+@pytest.mark.parametrize("body, fields, said", [
+    (GOOD, "3, 5, lift", r"n_lifted is 5, but lift\(\) does not write psi\[4\]"), (GOOD, "3, 3, lift", r"n_lifted is 3, but lift\(\) also writes psi\[3\]"),
+    (GOOD, "3, 2, lift", "makes 2 lifted states of 3"), (GOOD, "3, 256, lift", "at most 255"), (GOOD, "0, 4, lift", "makes 4 lifted states of 0"),
+    (GOOD.replace("= x", "= -x"), "3, 4, lift", r"psi\[0\] is not x\[0\]"), ("psi[0] = x[0];", "3, 4, NULL", "'lift' defined but not used|unused function"),
+    ("for (int i = 0; i < 2; i++) { psi[i] = x[i]; }", "2, 2, lift", "a.c:mine: it lifts states of 2 values, but these have 3"),
+    ("psi[0] = sin(x[0]);", "3, 4, lift", r"a.c:3: conversion from 'double'"), ("psi[0] = x[0]", "3, 4, lift", r"a.c:3: expected ';'"),
+    ("extern float far(void); psi[0] = far() + x[0];", "3, 4, lift", "cannot be loaded: undefined symbol: far"),
+])  # fmt: skip
+def test_source_that_cannot_be_used_is_refused_in_one_line(tmp_path, body, fields, said):
+    constant = f'const koopf_dictionary mine = {{"mine", {fields}, NULL}};'
+    (tmp_path / "a.c").write_text(f'#include <math.h>\n#include "tinykoop.h"\n{LIFT.format(body)}{constant}\n')
+    with pytest.raises(tk.UserError, match=said) as error:
+        tk.CSource(tmp_path / "a.c", "mine").own(3)
+    assert "\n" not in str(error.value) and str(error.value).startswith(str(tmp_path / "a.c"))
+
+
+def test_dictionary_that_is_made_at_run_time_is_refused(tmp_path):
+    (tmp_path / "a.c").write_text('#include "tinykoop.h"\nkoopf_dictionary mine;\n')
+    with pytest.raises(tk.UserError, match="name and lift must be filled in where the constant is defined"):
+        tk.CSource(tmp_path / "a.c", "mine").own(3)
+
+
+@pytest.mark.parametrize("name, said", [
+    ("absent", "defines no 'absent'"), ("lift", "incompatible"), ("a b", "NAME is the name of a constant"), ("", "give poly or rbf"),
+])  # fmt: skip
+def test_name_that_is_no_dictionary_of_the_source_is_refused(own, name, said):
+    with pytest.raises(tk.UserError, match=said) as error:
+        dictionaries.named(f"{own / 'float.c'}:{name}", "ddr", 3)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("compiler, said", [
+    ("no-such-compiler -O1", "there is no C compiler 'no-such-compiler': install gcc"), ("false", "the compiler says nothing"),
+])  # fmt: skip
+def test_compiler_that_is_missing_or_fails_gets_one_line(tmp_path, monkeypatch, compiler, said):
+    (tmp_path / "a.c").write_text(BOTH)
+    monkeypatch.setenv("CC", compiler)
+    with pytest.raises(tk.UserError, match=said):
+        tk.CSource(tmp_path / "a.c", "mine").own(3)
+
+
+def test_missing_source_is_refused(tmp_path):
+    with pytest.raises(tk.UserError, match="none.c: No such file"):
+        tk.CSource(tmp_path / "none.c", "mine").own(3)
+
+
+# ---- every command -------------------------------------------------------------------------------------
+
+MODEL = """
+#include "tinykoop.h"
+{source}
+#include "model.h"
+static {real} storage[KOOP_RLS_REALS_SQRT(6, 2)];
+int main(void) {{
+	{koop}_rls rls;
+	{koop}_dictionary other = {koop}_mine;
+	other.name = "other";
+	const {koop}_dictionary *both[] = {{&other, &{koop}_mine}};
+	int status[2];
+	for (int i = 0; i < 2; i++) {{
+		const {koop}_config config = {{.dictionary = both[i], .n_inputs = 2, .regulator = &{koop}_reg_none, .form = &{koop}_form_sqrt, .lambda = 1, .p0 = 100}};
+		if ({koop}_rls_init(&rls, &config, storage, sizeof storage / sizeof *storage) != KOOP_OK) {{ return 3; }}
+		status[i] = {koop}_model_load(&rls, koop_model, sizeof koop_model);
+	}}
+	return status[0] != KOOP_E_MODEL || status[1] != KOOP_OK;
+}}
+"""
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_fitted_model_loads_in_firmware_with_its_source_alone(own, precision, tmp_path):
+    koop, real = REAL[precision]
+    fit.run(own / "log.csv", tmp_path / "model.h", f"{own / 'both.c'}:mine", int(precision[1:]))
+    header = (tmp_path / "model.h").read_text()
+    assert f'only with the dictionary "mine": {own / "both.c"}:mine' in header and "koop_model_dictionary" not in header
+    define = "" if precision == "f32" else "#define KOOP(name) koopd_##name\n#define KOOP_REAL double"
+    (tmp_path / "main.c").write_text(MODEL.format(source=define + BOTH, koop=koop, real=real))
+    command = ["gcc", *STRICT, "-I", ROOT / "lib/include", "main.c", ROOT / f"lib/{koop}.c", "-lm", "-o", "main"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    subprocess.run([tmp_path / "main"], check=True)
+    assert tk.RLS(tk.CSource(own / "both.c", "mine"), 2, precision=precision).load(tmp_path / "model.h", 3).theta.shape == (6, 8)
+
+
+def test_name_of_a_file_does_not_end_the_comment_of_a_header(own, tmp_path):
+    folder = tmp_path / "a*/*b"
+    folder.mkdir(parents=True)
+    (folder / "own.py").write_text(PARTS)
+    fit.run(own / "log.csv", tmp_path / "model.h", f"{folder}/own.py:parts")
+    subprocess.run(["gcc", *STRICT, "-fsyntax-only", "-I", ROOT / "lib/include", "-x", "c", tmp_path / "model.h"], check=True)
+
+
+def test_replay_of_a_c_source_is_that_of_the_same_functions_in_python(own, tmp_path):
+    names = f"{own / 'both.c'}:mine", f"{own / 'own.py'}:same"
+    rows = [[row for row in replay.run_log(own / "log.csv", tmp_path, dictionary=name) if "regulator" in row] for name in names]
+    assert {row["regulator"] for row in rows[0]} == {"offline", *scenario.REGULATORS} and len(rows[0]) == len(rows[1])
+    errors = [[row["mean_error"] for row in some if row["precision"] == "f64"] for some in rows]
+    np.testing.assert_allclose(*errors, rtol=1e-6)
+
+
+def test_choose_compares_a_c_source(own, tmp_path, monkeypatch):
+    monkeypatch.setattr(choose, "LAMBDAS", (0.98,))
+    text = f"{own / 'both.c'}:mine"
+    rows = choose.run([own / "log.csv"], tmp_path, dictionary=text)
+    assert {row["dictionary"] for row in rows} == {"poly", "rbf", text}
+
+
+def test_row_of_a_log_that_cannot_be_lifted_is_named(own, tmp_path):
+    log = bridge.read_log(own / "log.csv")
+    x = log.x + (1 - log.x.min(0)) * (1, 0, 0)
+    x[700, 0] = -0.5
+    bridge.write_log(tmp_path / "log.csv", x, log.u, DT)
+    with pytest.raises(tk.UserError, match="own.py:logarithm: lift, row 700: .*finite"):
+        fit.run(tmp_path / "log.csv", tmp_path / "model.h", f"{own / 'own.py'}:logarithm")

@@ -1,4 +1,4 @@
-"""The dictionary of drive_dictionary.c from parts."""
+"""The dictionary of drive_dictionary.c from parts: tinykoop dictionary export writes its C code."""
 
 from tinykoop import Angles, Products
 

@@ -1,7 +1,8 @@
-"""Dictionaries of one's own in the commands: C sources against NumPy and firmware."""
+"""Dictionaries of one's own in every command: C sources against NumPy and firmware, and the C code of parts."""
 
 import copy
 import pickle
+import re
 import subprocess
 from pathlib import Path
 
@@ -71,9 +72,14 @@ def lifted(X):
 def same(X):  # as `mine` of both.c
     return np.column_stack([X, X[:, 0] * X[:, 1] / 3, np.sin(X[:, 2]), np.cos(X[:, 2])])
 
+def broken(X):
+    return X[:, 7]
+
 def logarithm(X):
     return np.column_stack([X, np.log(X[:, 0])])
 
+beyond = Products([(0, 9)])
+größe = Poly(2)
 text = "rbf"
 """
 
@@ -232,6 +238,38 @@ def test_missing_source_is_refused(tmp_path):
         tk.CSource(tmp_path / "none.c", "mine").own(3)
 
 
+# ---- the code of parts ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_exported_code_lifts_the_bits_of_python(own, tinykoop_in, precision, tmp_path):
+    x = states()
+    arguments = ("-o", tmp_path / "parts.h", "--platform", "ddr", "--precision", precision[1:])
+    said = tinykoop_in(own, "dictionary", "export", "own.py:parts", *arguments)
+    assert said.returncode == 0 and "n = 3, N = 37" in said.stdout
+    before = '#include "parts.h"\n#include "parts.h"\ntypedef char right_size[parts_n_states == 3 && parts_n_lifted == 37 ? 1 : -1];'
+    flown = lifted_by_c(tmp_path, precision, before, "if (parts_dictionary(&made) != KOOP_OK) { return 2; }", x)
+    expected = lift(dictionaries.from_file(f"{own / 'own.py'}:parts"), precision, x)
+    assert expected.shape == (len(x), 37)
+    np.testing.assert_array_equal(flown, expected)
+
+
+@pytest.mark.parametrize("text, n, said", [
+    ("own.py:lifted", 3, "no C code for a Python function; put it together of parts"), ("float.c:turning", 3, "it is C already"),
+    ("own.py:beyond", 3, "own.py:beyond, for states of 3 values: .*out of range|outside its range"), ("own.py:parts", 0, "for states of 0 values"),
+    ("own.py:größe", 3, "ASCII"), ("own.py:absent", 3, "defines no 'absent'"), ("rbf", 3, "in the library, as koopf_rbf_ddr"), ("own.py:text", 3, "it is a text"),
+])  # fmt: skip
+def test_what_has_no_c_code_is_refused_with_a_remedy(own, tinykoop_in, text, n, said, tmp_path):
+    done = tinykoop_in(own, "dictionary", "export", text, "-o", tmp_path / "a.h", "-n", n)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and not (tmp_path / "a.h").exists()
+    assert re.search(said, done.stderr)
+
+
+def test_header_needs_its_ending(own, tinykoop_in):
+    done = tinykoop_in(own, "dictionary", "export", "own.py:parts", "-o", "parts.c", "-n", 3)
+    assert done.returncode == 2 and "choose the ending .h" in done.stderr
+
+
 # ---- every command -------------------------------------------------------------------------------------
 
 MODEL = """
@@ -267,6 +305,13 @@ def test_fitted_model_loads_in_firmware_with_its_source_alone(own, precision, tm
     subprocess.run(command, cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "main"], check=True)
     assert tk.RLS(tk.CSource(own / "both.c", "mine"), 2, precision=precision).load(tmp_path / "model.h", 3).theta.shape == (6, 8)
+
+
+def test_model_of_parts_carries_the_settings_and_sizes(own, tmp_path):
+    fit.run(own / "log.csv", tmp_path / "model.h", f"{own / 'own.py'}:parts")
+    header = (tmp_path / "model.h").read_text()
+    assert "enum { koop_model_n_states = 3, koop_model_n_lifted = 37 };" in header
+    assert all(float(np.float32(v)).hex() + "f" in header for v in (0.1, 1 / 3, -1.7, 1e-3, 1.5, 0.7))
 
 
 def test_name_of_a_file_does_not_end_the_comment_of_a_header(own, tmp_path):

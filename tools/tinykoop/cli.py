@@ -130,6 +130,15 @@ def _paper(add):
 
 
 def _firmware(add):
+    dictionary = add("dictionary", "C code of a dictionary of your own that was put together in Python", out=False)
+    what = dictionary.add_subparsers(dest="what", required=True, metavar="WHAT")
+    export = what.add_parser("export", help="write the code of a dictionary of parts as a C header", formatter_class=_Help)
+    export.add_argument("dictionary", metavar="FILE.py:NAME")
+    export.add_argument("-o", "--header", required=True, metavar="FILE.h", help="file to write")
+    size = export.add_mutually_exclusive_group(required=True)
+    size.add_argument("--states", "-n", type=int, metavar="N", help="number of values of a state")
+    size.add_argument("--platform", choices=PLATFORMS, help="whose states")
+    export.add_argument("--precision", type=int, choices=(32, 64), default=32, help="bits of a number")
     size = add("size", "bytes and instructions of the library on a microcontroller, for your sizes", out=False)
     size.add_argument("--lifted", "-N", type=int, required=True, help="lifted states N")
     size.add_argument("--states", "-n", type=int, required=True, help="of which are the state itself")
@@ -345,6 +354,11 @@ def dispatch(a):
             flights.run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
             return None
         blind.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.tier, update=a.update, peers=not a.no_peers)
+    elif a.command == "dictionary":
+        from . import dictionaries, platforms
+
+        n = platforms.sizes(a.platform)[0] if a.platform else a.states
+        dictionaries.export(a.dictionary, a.header, n, a.precision)
     elif a.command == "size":
         from .firmware import size
 

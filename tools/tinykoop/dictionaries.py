@@ -18,6 +18,7 @@ from . import bridge
 from .bridge.compiler import compiled
 from .bridge.dictionaries import Compiled, Own, Part
 from .plumbing.errors import UserError
+from .plumbing.results import console, output_folder, printable, write_bytes
 
 BUILT_IN = ("poly", "rbf")  # of every platform
 KERNELS = ("gaussian", "inverse_quadratic", "inverse_multiquadric", "multiquadric", "thin_plate")
@@ -275,23 +276,52 @@ def _part_code(part, prefix, koop, bits):
     return lines, f"{{&{koop}_part_{part.kind}, &{prefix}}}"
 
 
+def _n_lifted(own):
+    return bridge.Estimator(own, "none", 64, n_inputs=1).N
+
+
 def c_code(dictionary: Dictionary, n: int, name: str, precision: str = "f32") -> str:
-    """C source of a dictionary of parts for n states: the function `NAME_dictionary(koopX_dictionary *)` makes it."""
+    """C source of a dictionary of parts for n states: its sizes, and `NAME_dictionary(koopX_dictionary *)`, which makes it."""
     bits, koop = (32, "koopf") if precision == "f32" else (64, "koopd")
-    dictionary.own(n)  # refuses what the library refuses
+    n_lifted = _n_lifted(dictionary.own(n))  # own() refuses what the library refuses
     lines, parts = [], []
     for i, part in enumerate(dictionary.parts(n)):
         made, entry = _part_code(part, f"{name}_part_{i}", koop, bits)
         lines += made
         parts.append(entry)
     return "\n".join([
+        f"enum {{ {name}_n_states = {n}, {name}_n_lifted = {n_lifted} }};",
         *lines,
         f"static const {koop}_part {name}_parts[] = {{{', '.join(parts)}}};",
         f"static const {koop}_combination {name}_combination = {{{name}_parts, {len(parts)}}};",
         "",
-        "/* Makes the dictionary that the model was learned with. */",
+        "/* Makes the dictionary. Its name is that of these settings. */",
         f"static inline int {name}_dictionary({koop}_dictionary *dictionary) {{",
         f'\treturn {koop}_combine(dictionary, "{dictionary.name(n)}", {n}, &{name}_combination);',
         "}",
         "",
     ])  # fmt: skip
+
+
+def export(text: str, header: str | Path, n: int, bits: int = 32) -> None:
+    """Writes the C code of the dictionary of parts FILE.py:NAME for n states to a header, all of whose names begin with NAME."""
+    if text in BUILT_IN:
+        raise UserError(f"{text}: it is in the library, as koopf_{text}_ddr and koopf_{text}_fwmav; give FILE.py:NAME")
+    header, (_, _, name), given = Path(header), text.rpartition(":"), from_file(text)
+    if header.suffix != ".h":
+        raise UserError(f"{header}: the dictionary is written as a C header; choose the ending .h")
+    if isinstance(given, CSource):
+        raise UserError(f"{text}: it is C already; compile it into the firmware as it is")
+    if isinstance(given, Function):
+        raise UserError(
+            f"{text}: there is no C code for {given}; put it together of parts (RBF, Poly, Products, Angles, Constant), or write it in C"
+            " and give FILE.c:NAME instead"
+        )
+    if not name.isascii():
+        raise UserError(f"{text}: C names have ASCII letters only; give the dictionary such a name")
+    sizes = f"n = {n}, N = {_n_lifted(_own(text, n))}"
+    guard, told = f"{name}_DICTIONARY_H".upper(), comment(f"TinyKoop dictionary {printable(text)}: float{bits}, {sizes}")
+    code = f'{told}\n#ifndef {guard}\n#define {guard}\n\n#include "tinykoop.h"\n\n{c_code(given, n, name, f"f{bits}")}\n#endif\n'
+    output_folder(header.parent)
+    write_bytes(header, code.encode())
+    console.print(f"{name}_dictionary(), float{bits}, {sizes}: in {printable(header)}")

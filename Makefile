@@ -10,6 +10,7 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 UPDATED := $(if $(UPDATE),--update)
+OWN := $(if $(DICTIONARY),--dictionary "$(DICTIONARY)")
 
 # $(call install,ENVIRONMENT,FILES): installs the packages of requirements files; without network it prints one line.
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
@@ -68,8 +69,8 @@ c-tests: system
 	@cmake -S . -B $(BUILD)/test -DTINYKOOP_TESTS=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/test -j $(JOBS)
 
-learn: build ## one-step learning of the differential drive (DDR), the paper's table: learn.json
-	@$(TINYKOOP) learn $(UPDATED)
+learn: build ## one-step learning of the differential drive (DDR), the paper's table (DICTIONARY=own.c:mine beside poly and rbf): learn.json
+	@$(TINYKOOP) learn $(OWN) $(UPDATED)
 
 control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
 	@$(TINYKOOP) control $(UPDATED)
@@ -84,11 +85,11 @@ real: build ## real logs replayed and, of drives, diagnosed (DATA="logs or folde
 ledger: build ## the paper's claims, our figures and verdicts, after learn, control, ablate, windup and transfer: ledger.json
 	@$(TINYKOOP) ledger $(UPDATED)
 
-ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts: ablate.json
-	@$(TINYKOOP) ablate
+ablate: build ## dead-zone threshold, 27 constant-trace settings, rollouts (DICTIONARY=): ablate.json
+	@$(TINYKOOP) ablate $(OWN)
 
-windup: build ## float32 against float64 for every dictionary, regulator and form: windup.json
-	@$(TINYKOOP) windup $(UPDATED)
+windup: build ## float32 against float64 for every dictionary, regulator and form (DICTIONARY=): windup.json
+	@$(TINYKOOP) windup $(OWN) $(UPDATED)
 
 diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr, fwmav or your own bot.toml): diagnose/report.json, report.html
 	@test -n "$(LOG)" || { echo "Which log? make diagnose LOG=drive.csv [FRESH=other.csv] [ROBOT=fwmav]" >&2; exit 2; }

@@ -54,6 +54,11 @@ def test_float32_does_not_count(tmp_path):
     assert found.errors("learn", "rbf") == {"offline": 1.0}
 
 
+def test_a_dictionary_of_ones_own_does_not_count(tmp_path):
+    mine = [row | {"dictionary": "own.c:mine"} for row in rows("learn", offline=9.0)]
+    assert results(tmp_path, learn=rows("learn", offline=1.0) + mine).rows("learn") == rows("learn", offline=1.0)
+
+
 def flights(source, **errors):
     """Rows of transfer.json with RBF, all four directions alike."""
     directions = ("P->P", "Y->Y", "P->Y", "Y->P")

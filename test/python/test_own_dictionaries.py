@@ -1,16 +1,18 @@
 """Dictionaries of one's own in every command: C sources against NumPy and firmware, and the C code of parts."""
 
 import copy
+import json
 import pickle
 import re
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tinykoop as tk
 from tinykoop import bridge, dictionaries
-from tinykoop.experiments import scenario
+from tinykoop.experiments import learn, scenario, windup
 from tinykoop.logs import choose, fit, replay
 
 ROOT, DT = Path(__file__).resolve().parents[2], 0.05
@@ -337,6 +339,56 @@ def test_choose_compares_a_c_source(own, tmp_path, monkeypatch):
     assert {row["dictionary"] for row in rows} == {"poly", "rbf", text}
 
 
+@pytest.mark.parametrize("name", ["own.py:parts", "own.py:lifted", "both.c:mine"])
+def test_learn_runs_it_beside_the_built_in_ones(own, tmp_path, name, monkeypatch):
+    text = f"{own}/{name}"
+    monkeypatch.setattr(scenario, "METHODS", scenario.METHODS[:1])
+    drive = scenario.drive(600)
+    monkeypatch.setattr(scenario, "drive", lambda: drive)
+    monkeypatch.setattr(learn, "draw", lambda *_: None)
+    mine = [row for row in learn.run(tmp_path, dictionary=text) if row["dictionary"] == text]
+    assert {(row["regulator"], row["precision"]) for row in mine} == {(r, p) for r in ("offline", *scenario.REGULATORS) for p in REAL}
+    (row,) = [row for row in mine if (row["regulator"], row["precision"]) == ("ef", "f64")]
+    estimator = bridge.Estimator(dictionaries.from_file(text).own(3), "ef", 64)
+    np.testing.assert_allclose(row["mean_error"], textbook(estimator.lift(drive[0]), *drive), rtol=1e-6)
+
+
+def textbook(psi, x, u, lam=0.98):
+    """Mean one-step error of exponential forgetting, eq. (4) of the paper."""
+    zeta, theta, errors = np.column_stack([psi[:-1], u]), np.zeros((psi.shape[1], psi.shape[1] + 2)), []
+    P = 100 * np.eye(zeta.shape[1])
+    for k, z in enumerate(zeta):
+        left = psi[k + 1] - theta @ z
+        errors.append(np.linalg.norm(left[:3]))
+        gain = P @ z / (lam + z @ P @ z)
+        theta = theta + np.outer(left, gain)
+        P = (P - np.outer(gain, z @ P)) / lam
+        P = (P + P.T) / 2
+    return np.mean(errors)
+
+
+@pytest.mark.parametrize("command", ["learn", "ablate", "windup"])
+def test_figures_and_tables_of_the_paper_have_room_for_it(own, tinykoop_in, tmp_path, monkeypatch, command):
+    monkeypatch.setattr(windup, "GROWTH_STEPS", 9000)
+    monkeypatch.setattr(windup, "SOAK_UPDATES", 2000)
+    done = tinykoop_in(own, command, "--dictionary", "both.c:mine", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = json.loads((tmp_path / f"{command}.json").read_text())
+    assert {row["dictionary"] for row in rows} == {"poly", "rbf", "both.c:mine"}
+    counts = Counter(row["dictionary"] for row in rows if row["regulator"] != "offline")
+    assert len(set(counts.values())) == 1 and "mine" in done.stdout and list(tmp_path.glob("*.png"))
+
+
+@pytest.mark.parametrize("command", ["learn", "ablate", "windup"])
+@pytest.mark.parametrize("name, said", [
+    ("own.py:logarithm", "own.py:logarithm: lift, row 0: the result would not be finite"), ("own.py:broken", "for states of 3 values: IndexError"),
+    ("rbf", "give one of your own"), ("none.c:mine", "none.c: No such file"),
+])  # fmt: skip
+def test_dictionary_that_cannot_lift_the_drive_is_one_line(own, tinykoop_in, command, name, said, tmp_path):
+    done = tinykoop_in(own, command, "--dictionary", name, "--out", tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and said in done.stderr
+
+
 def test_row_of_a_log_that_cannot_be_lifted_is_named(own, tmp_path):
     log = bridge.read_log(own / "log.csv")
     x = log.x + (1 - log.x.min(0)) * (1, 0, 0)
@@ -344,3 +396,8 @@ def test_row_of_a_log_that_cannot_be_lifted_is_named(own, tmp_path):
     bridge.write_log(tmp_path / "log.csv", x, log.u, DT)
     with pytest.raises(tk.UserError, match="own.py:logarithm: lift, row 700: .*finite"):
         fit.run(tmp_path / "log.csv", tmp_path / "model.h", f"{own / 'own.py'}:logarithm")
+
+
+def test_pages_are_not_written_with_a_dictionary_of_ones_own(own, tinykoop_in):
+    done = tinykoop_in(own, "learn", "--dictionary", "both.c:mine", "--update")
+    assert done.returncode == 2 and "leave out --dictionary" in done.stderr

@@ -115,15 +115,17 @@ def _paper(add):
     demo = add("demo", "learning, control, ablations, precision study and one gap diagnosis: about a minute")
     demo.add_argument("--log", help="replay this log as well")
     demo.add_argument("--update", action="store_true", help="also update the pictures of the README")
-    add("learn", "one-step learning of the DDR, the paper's table")
+    learn = add("learn", "one-step learning of the DDR, the paper's table")
     add("control", "Koopman-MPC tracking of the DDR, the paper's table")
     add("ledger", "the paper's claims, each with our figure and a verdict")
     transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
     transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     real = add("real", "real logs replayed and, of drives, diagnosed: the figures of the docs on real robots")
     real.add_argument("--data", type=Path, nargs="+", required=True, help="logs, or folders of logs")
-    add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
-    add("windup", "float32 against float64 for every dictionary, regulator and form")
+    ablate = add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
+    windup = add("windup", "float32 against float64 for every dictionary, regulator and form")
+    for command in (learn, ablate, windup):
+        command.add_argument("--dictionary", metavar=OWN, help=f"your own, beside poly and rbf: {OWN_FILE}")
     study = add("study", "which Poly runs fail under control and why, and the sensitivities that control sees")
     study.add_argument("--runs", type=int, default=10, help="runs of each setting; ten take about four minutes")
     add("supervisor", "random closed-loop runs with and without the supervisor")
@@ -395,8 +397,10 @@ def dispatch(a):
         from importlib import import_module
 
         room = "assure" if a.command in ("coverage", "static", "determinism", "sanitize") else "experiments"
-        updates = (a.update,) if "update" in a else ()
-        import_module(f"tinykoop.{room}.{a.command}").run(a.out, *updates)
+        options = {name: getattr(a, name) for name in ("update", "dictionary") if name in a}
+        if all(options.values()) and len(options) == 2:
+            raise UserError("--update: the pages have the figures of poly and rbf; leave out --dictionary")
+        import_module(f"tinykoop.{room}.{a.command}").run(a.out, **options)
 
 
 def _run():

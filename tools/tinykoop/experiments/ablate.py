@@ -17,10 +17,10 @@ TRACES = (0.1, 1.0, 10.0)  # target trace over tr(P0)
 PAPER_DELTA = {0.003: (0.6990, 1.52e-3), 0.01: (0.9773, 1.07e-3), 0.03: (0.9950, 5.58e-3)}
 
 
-def threshold_sweep(x, u):
-    """Rows of the study "delta": DZ-CS over the threshold, both dictionaries, float64."""
+def threshold_sweep(x, u, names):
+    """Rows of the study "delta": DZ-CS over the threshold, each dictionary, float64."""
     rows = []
-    jobs = list(itertools.product(("poly", "rbf"), DELTAS))
+    jobs = list(itertools.product(names, DELTAS))
     for dictionary, delta in progress(jobs, "dead-zone threshold"):
         _, trace = scenario.run(scenario.Method(dictionary, "dz_cs"), 64, x, u, delta=delta)
         rows.append(
@@ -50,14 +50,14 @@ def constant_trace(estimator, trace, x, u, lam, tau0):
     return {"gain_over_bound": float(np.max(gain / bound)), "norm_over_trace": float(np.max(np.linalg.norm(P, axis=(1, 2))) / tau0)}
 
 
-def trace_settings(x, u):
+def trace_settings(x, u, names):
     """Rows of the study "ct": 27 constant-trace settings for each dictionary, float64."""
     rows = []
-    jobs = list(itertools.product(("poly", "rbf"), LAMBDAS, P0S, TRACES))
+    jobs = list(itertools.product(names, LAMBDAS, P0S, TRACES))
     for dictionary, lam, p0, multiple in progress(jobs, "constant trace"):
-        d = {"poly": 9, "rbf": 24}[dictionary]
-        tau0 = multiple * p0 * d
-        estimator, trace = scenario.run(scenario.Method(dictionary, "ct"), 64, x, u, every=1, lam=lam, p0=p0, tau0=tau0)
+        method = scenario.Method(dictionary, "ct")
+        tau0 = multiple * p0 * scenario.start(method, 64).d
+        estimator, trace = scenario.run(method, 64, x, u, every=1, lam=lam, p0=p0, tau0=tau0)
         _, condition = scenario.spectrum([estimator.covariance])
         rows.append(
             {
@@ -75,10 +75,10 @@ def trace_settings(x, u):
     return rows
 
 
-def rollouts(x, u):
-    """Rows of the study "rollout": error over the horizon for each of the eleven methods, float64."""
+def rollouts(x, u, methods):
+    """Rows of the study "rollout": error over the horizon for each method, float64."""
     rows = []
-    for method in progress(scenario.METHODS, "rollouts"):
+    for method in progress(methods, "rollouts"):
         estimator, trace = scenario.run(method, 64, x, u, every=scenario.ROLLOUT_STRIDE)
         errors = scenario.rollout_errors(estimator, trace, x, u)
         rows.append(
@@ -92,15 +92,16 @@ def rollouts(x, u):
     return rows
 
 
-def run(out):
-    """Writes ablate.json and its plots into `out`; returns the rows."""
+def run(out, dictionary=None):
+    """Writes ablate.json and its plots into `out`; returns the rows. dictionary: FILE:NAME, beside poly and rbf."""
     out = output_folder(out)
     x, u = scenario.drive()
-    delta, ct, rollout = threshold_sweep(x, u), trace_settings(x, u), rollouts(x, u)
+    names, methods = scenario.beside(dictionary, x)
+    delta, ct, rollout = threshold_sweep(x, u, names), trace_settings(x, u, names), rollouts(x, u, methods)
     with replacing(out / "ablate.json", delta + ct + rollout):
-        draw_threshold(out, delta)
-        draw_trace(out, ct)
-        draw_rollout(out, rollout)
+        draw_threshold(out, delta, names)
+        draw_trace(out, ct, names)
+        draw_rollout(out, rollout, names)
     report(delta, rollout)
     return delta + ct + rollout
 
@@ -112,7 +113,7 @@ def report(delta, rollout):
         skip, error = PAPER_DELTA.get(row["delta"], (None, None)) if row["dictionary"] == "rbf" else (None, None)
         lines.append(
             [
-                f"{row['dictionary']}, delta {row['delta']:g}",
+                f"{scenario.title(row['dictionary'])}, delta {row['delta']:g}",
                 f"{100 * row['skip_rate']:.2f}" + (f" ({100 * skip:.2f})" if skip else ""),
                 number(row["mean_error"]) + (f" ({number(error)})" if error else ""),
                 number(row["final_P_fro"]),
@@ -135,15 +136,16 @@ def report(delta, rollout):
 # ---- plots -----------------------------------------------------------------------------------
 
 
-def draw_threshold(out, rows):
+def draw_threshold(out, rows, names):
     """Error and skip rate over delta."""
     figure, (top, bottom) = plots.subplots(2, 1, figsize=(7, 5.5), sharex=True)
-    figure.suptitle("A raw dead-zone threshold does not carry over between dictionaries", x=0.01, ha="left")
-    for dictionary, style in (("poly", dict(color="0.55", ls="--", marker="s")), ("rbf", dict(color="k", marker="o"))):
+    figure.suptitle(scenario.finding("A raw dead-zone threshold does not carry over between dictionaries", names), x=0.01, ha="left")
+    styles = dict(color="0.55", ls="--", marker="s"), dict(color="k", marker="o"), dict(color="#1b7837", ls=":", marker="^")
+    for dictionary, style in zip(names, styles):
         mine = [r for r in rows if r["dictionary"] == dictionary]
         delta = [r["delta"] for r in mine]
-        name = {"poly": "Poly", "rbf": "RBF"}[dictionary]
-        top.loglog(delta, [r["mean_error"] for r in mine], ms=4, label=f"{name} (DZ-CS)", **style)
+        label = scenario.Method(dictionary, "dz_cs").label
+        top.loglog(delta, [r["mean_error"] for r in mine], ms=4, label=label, **style)
         bottom.semilogx(delta, [100 * r["skip_rate"] for r in mine], ms=4, **style)
     top.plot(list(PAPER_DELTA), [e for _, e in PAPER_DELTA.values()], "x", color="#d62728", ms=8, mew=2, label="paper, RBF")
     bottom.plot(list(PAPER_DELTA), [100 * s for s, _ in PAPER_DELTA.values()], "x", color="#d62728", ms=8, mew=2)
@@ -154,13 +156,14 @@ def draw_threshold(out, rows):
     plots.save(figure, out / "ablate_threshold.png")
 
 
-def draw_trace(out, rows):
+def draw_trace(out, rows, names):
     """27 bars a panel: error above, condition number below."""
     shades = dict(zip(LAMBDAS, ("0.9", "0.6", "0.25")))
     hatches = dict(zip(P0S, ("", "///", "xxx")))
-    figure, axes = plots.subplots(2, 2, figsize=(11, 6), sharex=True)
-    figure.suptitle("Constant trace: a larger target lowers the error and worsens the conditioning", x=0.01, ha="left")
-    for column, dictionary in zip(axes.T, ("poly", "rbf")):
+    figure, axes = plots.subplots(2, len(names), figsize=(5.5 * len(names), 6), sharex=True)
+    finding = "Constant trace: a larger target lowers the error and worsens the conditioning"
+    figure.suptitle(scenario.finding(finding, names), x=0.01, ha="left")
+    for column, dictionary in zip(axes.T, names):
         mine = [r for r in rows if r["dictionary"] == dictionary]
         for ax, value in zip(column, ("mean_error", "final_condition")):
             for row in mine:
@@ -172,7 +175,7 @@ def draw_trace(out, rows):
                 )  # fmt: skip
             ax.set_yscale("log")
             ax.grid(axis="x", visible=False)
-        column[0].set_title({"poly": "Poly", "rbf": "RBF"}[dictionary])
+        column[0].set_title(scenario.title(dictionary))
         column[1].set_xticks([10.5 * g + 4 for g in range(3)], [f"{t:g} tr($P_0$)" for t in TRACES])
         column[1].set_xlabel("target trace $\\tau_0$")
     axes[0, 0].set_ylabel("mean one-step error (m, rad)")
@@ -184,20 +187,21 @@ def draw_trace(out, rows):
     plots.save(figure, out / "ablate_constant_trace.png")
 
 
-def draw_rollout(out, rows):
+def draw_rollout(out, rows, names):
     """Error over the horizon, every method."""
-    figure, axes = plots.subplots(1, 2, figsize=(10, 4), sharey=True)
-    figure.suptitle("Prediction error over the horizon: after 50 steps SIFt is best with both dictionaries", x=0.01, ha="left")
+    figure, axes = plots.subplots(1, len(names), figsize=(5 * len(names), 4), sharey=True)
+    finding = "Prediction error over the horizon: after 50 steps SIFt is best with both dictionaries"
+    figure.suptitle(scenario.finding(finding, names), x=0.01, ha="left")
     for row in rows:
         method = scenario.Method(row["dictionary"], row["regulator"])
-        for name, ax in zip(("poly", "rbf"), axes):
+        for name, ax in zip(names, axes):
             if name == method.dictionary:
                 ax.loglog(
                     scenario.HORIZONS, row["rollout_error"].values(), marker="o", ms=3,
                     label=scenario.LABELS[method.regulator], **plots.STYLES[method.regulator],
                 )  # fmt: skip
-    for name, ax in zip(("Poly", "RBF"), axes):
-        ax.set_title(name)
+    for name, ax in zip(names, axes):
+        ax.set_title(scenario.title(name))
         ax.set_xticks(scenario.HORIZONS, [str(h) for h in scenario.HORIZONS])
         ax.set_xlabel("prediction horizon (steps of 50 ms)")
         ax.set_ylim(5e-4, 10)

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from .. import bridge
+from .. import bridge, dictionaries
 from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing
 from . import scenario
@@ -47,18 +47,22 @@ def row_of(method, precision, x, u):
     return row, trace
 
 
-def run(out, update=False):
-    """Writes learn.json and its plots into `out`, and with `update` the table of docs/paper.md; returns the rows."""
+def run(out, update=False, dictionary=None):
+    """Writes learn.json and its plots into `out`, and with `update` the table of docs/paper.md; returns the rows.
+
+    dictionary: FILE:NAME, beside poly and rbf.
+    """
     out = output_folder(out)
     x, u = scenario.drive()
+    names, methods = scenario.beside(dictionary, x)
     rows, traces = [], {}
-    jobs = [(method, precision) for precision in PRECISIONS for method in scenario.METHODS]
+    jobs = [(method, precision) for precision in PRECISIONS for method in methods]
     for method, precision in progress(jobs, "learning"):
         row, trace = row_of(method, precision, x, u)
         rows.append(row)
         traces[method, precision] = trace
     with replacing(out / "learn.json", rows):
-        draw(out, x, traces, rows)
+        draw(out, x, traces, rows, names)
     lines = table(rows)
     print_table(f"{TITLE}, the paper in brackets", HEADERS, lines, NOTE)
     if update:
@@ -98,22 +102,23 @@ def table(rows):
 # ---- plots -----------------------------------------------------------------------------------
 
 
-def draw(out, x, traces, rows):
+def draw(out, x, traces, rows, names):
     """All plots of this experiment."""
     t = np.arange(len(x) - 1) * scenario.DT
     f64 = {method: trace for (method, precision), trace in traces.items() if precision == 64}
     draw_adaptation(out, t, x, f64)
     draw_paths(out, x, f64)
-    draw_error(out, t, f64)
-    draw_operator(out, t, f64)
-    draw_covariance(out, t, f64)
-    draw_precision(out, rows)
+    draw_error(out, t, f64, names)
+    draw_operator(out, t, f64, names)
+    draw_covariance(out, t, f64, names)
+    draw_precision(out, rows, names)
 
 
-def _panels(title, share=True, **kwargs):
-    figure, axes = plots.subplots(1, 2, figsize=(10, 3.8), sharex=share, sharey=share, **kwargs)
-    figure.suptitle(title, x=0.01, ha="left")
-    return figure, dict(zip(("poly", "rbf"), axes))
+def _panels(finding, names, rows, height, **kwargs):
+    """The figure, and {dictionary: its column of axes}."""
+    figure, axes = plots.subplots(rows, len(names), figsize=(5 * len(names), height), squeeze=False, **kwargs)
+    figure.suptitle(scenario.finding(finding, names), x=0.01, ha="left")
+    return figure, dict(zip(names, axes.T))
 
 
 def _phased(axes, name):
@@ -165,35 +170,35 @@ def draw_paths(out, x, traces):
     plots.save(figure, out / "learn_paths.png")
 
 
-def draw_error(out, t, traces):
+def draw_error(out, t, traces, names):
     """(b): one-step error over time."""
-    figure, axes = _panels(
-        "While friction acts, the offline model errs at least three times as much as any regulated one; vanilla RBF breaks"
-    )
+    finding = "While friction acts, the offline model errs at least three times as much as any regulated one; vanilla RBF breaks"
+    figure, columns = _panels(finding, names, 1, 3.8, sharex=True, sharey=True)
     for method, trace in traces.items():
-        for name in ("poly", "rbf") if method.regulator == "offline" else (method.dictionary,):
-            axes[name].semilogy(t, plots.smooth(trace["error"]), lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
-    for name, ax in axes.items():
-        _phased(ax, {"poly": "Poly", "rbf": "RBF"}[name])
+        offline = scenario.Method("rbf", "offline") == method  # of the paper, for Poly, too
+        for name in dictionaries.BUILT_IN if offline else (method.dictionary,):
+            style = plots.STYLES[method.regulator]
+            columns[name][0].semilogy(t, plots.smooth(trace["error"]), lw=1.2, label=short_label(method), **style)
+    for name, (ax,) in columns.items():
+        _phased(ax, scenario.title(name))
         ax.set_xlabel("time (s)")
         ax.set_ylim(1e-4, 1)
-    axes["poly"].set_ylabel("one-step error, RMS over 2.5 s (m, rad)")
+    columns["poly"][0].set_ylabel("one-step error, RMS over 2.5 s (m, rad)")
     plots.legend(figure)
     plots.save(figure, out / "learn_error.png")
 
 
-def draw_operator(out, t, traces):
+def draw_operator(out, t, traces, names):
     """(c): norms of A (solid) and B (dotted)."""
-    figure, axes = plots.subplots(2, 2, figsize=(10, 6), sharex=True)
-    figure.suptitle("Norms of the learned operator: Poly's grow with the path, RBF's stay, vanilla RBF's do not", x=0.01, ha="left")
-    columns = dict(zip(("poly", "rbf"), axes.T))
+    finding = "Norms of the learned operator: Poly's grow with the path, RBF's stay, vanilla RBF's do not"
+    figure, columns = _panels(finding, names, 2, 6, sharex=True)
     for method, trace in traces.items():
         if method.regulator == "offline":
             continue
         for ax, norm in zip(columns[method.dictionary], ("norm_a", "norm_b")):
             ax.semilogy(t, np.maximum(trace[norm], 1e-6), lw=1.2, label=short_label(method), **plots.STYLES[method.regulator])
     for name, (top, bottom) in columns.items():
-        _phased(top, {"poly": "Poly", "rbf": "RBF"}[name])
+        _phased(top, scenario.title(name))
         scenario.mark_phases(bottom, names=False)
         bottom.set_xlabel("time (s)")
         top.set_ylabel("$\\|A\\|_F$")
@@ -207,11 +212,10 @@ def short_label(method):
     return scenario.LABELS[method.regulator]
 
 
-def draw_covariance(out, t, traces):
+def draw_covariance(out, t, traces, names):
     """(d) and its spectrum: norm, largest eigenvalue and condition number of P."""
-    figure, axes = plots.subplots(3, 2, figsize=(10, 8), sharex=True)
-    figure.suptitle("The adaptation matrix P: only regulation keeps it bounded once RBF goes idle", x=0.01, ha="left")
-    columns = dict(zip(("poly", "rbf"), axes.T))
+    finding = "The adaptation matrix P: only regulation keeps it bounded once RBF goes idle"
+    figure, columns = _panels(finding, names, 3, 8, sharex=True)
     for method, trace in traces.items():
         if method.regulator == "offline":
             continue
@@ -222,7 +226,7 @@ def draw_covariance(out, t, traces):
         middle.semilogy(t[::EVERY], largest, **style)
         bottom.semilogy(t[::EVERY], condition, **style)
     for name, (top, middle, bottom) in columns.items():
-        _phased(top, {"poly": "Poly", "rbf": "RBF"}[name])
+        _phased(top, scenario.title(name))
         for ax, label in ((top, "$\\|P\\|_F$"), (middle, "$\\lambda_{max}(P)$"), (bottom, "condition number of $P$")):
             ax.set_ylabel(label)
         for ax in (middle, bottom):
@@ -234,11 +238,11 @@ def draw_covariance(out, t, traces):
     plots.save(figure, out / "learn_covariance.png")
 
 
-def draw_precision(out, rows):
+def draw_precision(out, rows, names):
     """float32 against float64, one bar for each method."""
     table = scenario.by_precision(rows)
-    figure, ax = plots.subplots(figsize=(8, 3.8))
-    ax.set_title("float32 costs a few percent of one-step error at most, except where float64 fails too")
+    figure, ax = plots.subplots(figsize=(8, 3.8 * len(table) / len(scenario.METHODS)))
+    ax.set_title(scenario.finding("float32 costs a few percent of one-step error at most, except where float64 fails too", names))
     for i, (method, row, narrow) in enumerate(table):
         value = 100 * (narrow["mean_error"] / row["mean_error"] - 1)
         shown = float(np.clip(value, -10, 10))

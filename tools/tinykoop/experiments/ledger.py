@@ -12,6 +12,7 @@ from pathlib import Path
 
 from scipy.stats import spearmanr
 
+from ..dictionaries import BUILT_IN
 from ..plumbing import checkout, pages
 from ..plumbing.errors import UserError
 from ..plumbing.results import console, number, output_folder, write_json
@@ -27,7 +28,7 @@ HEADERS = ["claim of the paper", "command", "ours", "verdict"]
 
 
 class Results:
-    """Rows of the experiments, in float64, as the commands have written them."""
+    """Rows of the experiments, in float64, with the paper's dictionaries, as the commands have written them."""
 
     def __init__(self, out):
         self.out = Path(out)
@@ -38,7 +39,8 @@ class Results:
             rows = json.loads(path.read_text())
         except (OSError, ValueError) as error:
             raise UserError(f"{path}: cannot be read; run `make {name}` first") from error
-        return [row for row in rows if row.get("precision", "f64") == "f64" and all(row.get(key) == value for key, value in keys.items())]
+        rows = [row for row in rows if row.get("precision", "f64") == "f64" and row.get("dictionary", "rbf") in BUILT_IN]
+        return [row for row in rows if all(row.get(key) == value for key, value in keys.items())]
 
     def errors(self, name, dictionary, **keys):
         """{regulator: mean error}."""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import bridge
+from .. import bridge, dictionaries
+from ..plumbing.errors import UserError
 
 DT = 0.05  # s
 STEPS = 5000
@@ -53,6 +54,11 @@ PAPER = {
 }
 
 
+def title(dictionary):
+    """Name of a dictionary in tables and figures; of a file's, NAME."""
+    return {"poly": "Poly", "rbf": "RBF"}.get(dictionary, dictionary.rpartition(":")[2])
+
+
 @dataclass(frozen=True)
 class Method:
     """A dictionary and a regulator, or the offline baseline: the paper's eleven, and one for each other regulator of lib/."""
@@ -62,7 +68,7 @@ class Method:
 
     @property
     def label(self):
-        name = {"poly": "Poly", "rbf": "RBF"}.get(self.dictionary, self.dictionary.rpartition(":")[2])
+        name = title(self.dictionary)
         if self.regulator == "offline":
             return f"Offline {name}"
         return name if self.regulator == "ef" else f"{name} ({LABELS[self.regulator]})"
@@ -75,6 +81,22 @@ METHODS = tuple(Method(*key) for key in (*PAPER, *_OTHERS))
 def methods_of(dictionary):
     """The offline baseline and every regulator, with one dictionary."""
     return tuple(Method(dictionary, regulator) for regulator in ("offline", *REGULATORS))
+
+
+def beside(dictionary, x):
+    """(dictionaries, METHODS) and what --dictionary adds, which must be finite on the run x; None adds nothing."""
+    if dictionary is None:
+        return dictionaries.BUILT_IN, METHODS
+    if dictionary in dictionaries.BUILT_IN:
+        raise UserError(f"--dictionary {dictionary}: it is among those that run in any case; give one of your own")
+    estimator = bridge.Estimator(dictionaries.named(dictionary, "ddr", x.shape[1]), "none", 64)
+    dictionaries.check(estimator, x, np.ones(len(x), bool), dictionary)
+    return (*dictionaries.BUILT_IN, dictionary), METHODS + methods_of(dictionary)
+
+
+def finding(text, names):
+    """The title of a figure: a finding on the built-in dictionaries, and said to be one where another stands beside them."""
+    return text if len(names) == len(dictionaries.BUILT_IN) else f"Poly, RBF: {text}"
 
 
 def commands(steps=STEPS):
@@ -106,7 +128,7 @@ def offline_theta(dictionary, steps=STEPS):
     Fitted on the host, so always in float64; a float32 estimator starts from it rounded.
     """
     u = commands(steps)
-    estimator = bridge.Estimator(f"{dictionary}_ddr", "none", 64, p0=OFFLINE_P0)
+    estimator = bridge.Estimator(dictionaries.named(dictionary, "ddr", 3), "none", 64, p0=OFFLINE_P0)
     estimator.replay(bridge.simulate(u, DT), u)
     return estimator.theta
 
@@ -114,7 +136,8 @@ def offline_theta(dictionary, steps=STEPS):
 def start(method, precision, form="plain", **settings):
     """The estimator of one method as it begins; the offline one has its model."""
     offline = method.regulator == "offline"
-    estimator = bridge.Estimator(f"{method.dictionary}_ddr", "none" if offline else method.regulator, precision, form=form, **settings)
+    lifting = dictionaries.named(method.dictionary, "ddr", 3)
+    estimator = bridge.Estimator(lifting, "none" if offline else method.regulator, precision, form=form, **settings)
     if offline:
         estimator.theta = offline_theta(method.dictionary)
     return estimator

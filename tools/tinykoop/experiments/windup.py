@@ -38,12 +38,12 @@ def first_departure(trace, reference):
     return scenario.first(~(apart <= LEFT))
 
 
-def study(x, u):
+def study(x, u, names):
     """Rows of windup.json for the paper's run, and the traces."""
     rows, traces = [], {}
     jobs = [
         (dictionary, regulator, form, precision)
-        for dictionary in ("poly", "rbf")
+        for dictionary in names
         for regulator in REGULATORS
         for precision in PRECISIONS
         for form in ("sqrt", "plain", "textbook")
@@ -120,16 +120,20 @@ def soak():
     return rows
 
 
-def run(out, update=False):
-    """Writes windup.json, windup_soak.json and the plots into `out`, and with `update` the table of docs/learning.md; returns the rows."""
+def run(out, update=False, dictionary=None):
+    """Writes windup.json, windup_soak.json and the plots into `out`, and with `update` the table of docs/learning.md; returns the rows.
+
+    dictionary: FILE:NAME, beside poly and rbf in the paper's run.
+    """
     out = output_folder(out)
     x, u = scenario.drive()
-    rows = study(x, u)
+    names, _ = scenario.beside(dictionary, x)
+    rows = study(x, u, names)
     curves = growth()
     soaks = soak()
     with replacing(out / "windup.json", rows):
         write_json(out / "windup_soak.json", soaks)
-        draw_lanes(out, rows)
+        draw_lanes(out, rows, names)
         draw_growth(out, curves)
         draw_soak(out, soaks)
         draw_ellipsoids(out, ellipsoids())
@@ -185,7 +189,7 @@ def report(rows, curves, soaks):
         ["run", "P indefinite at", "non-finite at", "left float64 at", "mean error", "final |P|"],
         [
             [
-                f"{r['dictionary']} {r['regulator']}, {r['precision']} {r['form']}",
+                f"{scenario.title(r['dictionary'])} {r['regulator']}, {r['precision']} {r['form']}",
                 *[_event(r, k) for k in EVENTS],
                 number(r["mean_error"]),
                 number(r["final_P_fro"]),
@@ -228,16 +232,15 @@ def overflow(dtype, root=1):
 # ---- plots -----------------------------------------------------------------------------------
 
 
-def draw_lanes(out, rows):
+def draw_lanes(out, rows, names):
     """One lane for each run: how long it stayed sound."""
-    figure, axes = plots.subplots(1, 2, figsize=(11, 7), sharey=True)
-    figure.suptitle(
-        "The covariance P loses positive definiteness in the textbook form with every regulator; "
-        "in the square-root form (sqrt) with none",
-        x=0.01, ha="left",
-    )  # fmt: skip
+    figure, axes = plots.subplots(1, len(names), figsize=(5.5 * len(names), 7), sharey=True)
+    finding = (
+        "The covariance P loses positive definiteness in the textbook form with every regulator; in the square-root form (sqrt) with none"
+    )
+    figure.suptitle(scenario.finding(finding, names), x=0.01, ha="left")
     lanes = [(regulator, form, precision) for regulator in REGULATORS for precision in (32, 64) for form in FORMS]
-    for ax, dictionary in zip(axes, ("poly", "rbf")):
+    for ax, dictionary in zip(axes, names):
         for i, (regulator, form, precision) in enumerate(lanes):
             row = next(
                 r for r in rows
@@ -253,14 +256,14 @@ def draw_lanes(out, rows):
                 ax.barh(y, end - lost, left=lost, color="none", edgecolor="k", hatch="////", height=0.8, lw=0.6)
             if non_finite is not None:
                 ax.barh(y, end - non_finite, left=non_finite, color="k", height=0.8)
-        ax.set_title({"poly": "Poly", "rbf": "RBF"}[dictionary])
+        ax.set_title(scenario.title(dictionary))
         ax.set_xlabel("step, 50 ms each")
         ax.set_xlim(0, 5000)
         ax.grid(axis="y", visible=False)
     places = [i + REGULATORS.index(lane[0]) for i, lane in enumerate(lanes)]
     axes[0].set_yticks(places, [f"{form} f{precision}" for _, form, precision in lanes], fontsize=7)
     for g, regulator in enumerate(REGULATORS):
-        axes[1].annotate(scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9)
+        axes[-1].annotate(scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9)
     axes[0].invert_yaxis()
     patch = plots.patches().Patch
     keys = [

@@ -217,7 +217,7 @@ def test_dictionary_that_is_made_at_run_time_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name, said", [
-    ("absent", "defines no 'absent'"), ("lift", "incompatible"), ("a b", "NAME is the name of a constant"), ("", "give poly or rbf"),
+    ("absent", "defines no 'absent'"), ("lift", "incompatible"), ("a b", "NAME is the name of a constant"), ("", "give poly, rbf, affine, FILE.py:NAME"),
 ])  # fmt: skip
 def test_name_that_is_no_dictionary_of_the_source_is_refused(own, name, said):
     with pytest.raises(tk.UserError, match=said) as error:
@@ -336,7 +336,7 @@ def test_choose_compares_a_c_source(own, tmp_path, monkeypatch):
     monkeypatch.setattr(choose, "LAMBDAS", (0.98,))
     text = f"{own / 'both.c'}:mine"
     rows = choose.run([own / "log.csv"], tmp_path, dictionary=text)
-    assert {row["dictionary"] for row in rows} == {"poly", "rbf", text}
+    assert {row["dictionary"] for row in rows} == {"poly", "rbf", "affine", text}
 
 
 @pytest.mark.parametrize("name", ["own.py:parts", "own.py:lifted", "both.c:mine"])

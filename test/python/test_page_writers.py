@@ -1,6 +1,7 @@
 """What commands write into the docs, from small results: the figures of the result, one number per cell."""
 
 import re
+import shutil
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,7 @@ from tinykoop.blind import page as blind
 from tinykoop.experiments import real, scenario, supervisor, transfer
 from tinykoop.experiments.study import tables as study
 from tinykoop.experiments.study.closed_loop import SIGMA
+from tinykoop.logs import choose
 from tinykoop.plumbing import pages
 from tinykoop.plumbing.errors import UserError
 
@@ -168,6 +170,27 @@ def test_real_logs_fill_three_tables():
         [{"log": "a", "verdict": "unknown", "fit": ["speed_lag"], "gap": {"before": {"50": 1.3}, "closed_fraction": {"50": 0.74}}}]
     )
     assert "| `a` | unknown | speed_lag | 1.3 | 74 |" in gap
+
+
+def test_regrets_of_choices_are_written_by_group():
+    regrets = {f"d{i}": {"others": v, "single": v / 2, "own": 0.0} for i, v in enumerate((0.01, 0.03, 0.2))}
+    lines = cells(real.regret_page([{"group": "real drives", "best": "affine", "regrets": regrets}]))
+    assert lines["real drives"] == ["3", "3", "20", "1.5", "10", "0", "0"]
+
+
+def test_choices_are_compared_within_groups_of_logs(tmp_path, monkeypatch):
+    """Two drives of a series and two of each kind of simulated robot; the groups are what their names say."""
+    monkeypatch.setattr(real, "SIMULATED", 2)
+    monkeypatch.setattr(choose, "LAMBDAS", (0.98,))
+    _, one = real.simulated(tmp_path)
+    found = [tmp_path / f"cart_{k}.csv" for k in range(2)]
+    for path, drive in zip(found, one.values()):
+        shutil.copy(drive, path)
+    rows = {row["group"]: row["regrets"] for row in real.chosen(found, tmp_path)}
+    assert {group: len(regrets) for group, regrets in rows.items()} == {
+        "real drives": 2, "`cart_*`": 2, "drives of several simulated robots": 2, "all of these": 4, "drives of one simulated robot": 2,
+    }  # fmt: skip
+    assert list(rows["`cart_*`"].values()) == list(rows["drives of one simulated robot"].values())
 
 
 def test_assurance_tables_hold_the_totals():

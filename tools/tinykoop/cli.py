@@ -73,7 +73,11 @@ def _your_log(add):
     pick = add("choose", "choose dictionary, regulator, lambda and dead zone by prediction errors")
     pick.add_argument("log", nargs="+")
     pick.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    pick.add_argument("--dictionary", metavar=OWN, help=f"your own, beside poly and rbf: {OWN_FILE}")
+    pick.add_argument("--dictionary", metavar=OWN, help=f"your own, beside poly, rbf and affine: {OWN_FILE}")
+    pick.add_argument(
+        "--closed-loop", nargs="*", metavar="NAME[=V,V]",
+        help="ddr: also track a path in the simulator, with these effects of your robot (tinykoop effects)",
+    )  # fmt: skip
 
     when = add("changes", "detect when something changed in a log, such as wind, from its innovations")
     when.add_argument("log")
@@ -106,7 +110,7 @@ def _your_log(add):
     fit.add_argument("log")
     fit.add_argument("model", help="file to write, .h or .bin")
     fit.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
-    fit.add_argument("--dictionary", default="rbf", metavar=OWN, help=f"poly, rbf, or your own: {OWN_FILE}")
+    fit.add_argument("--dictionary", default="rbf", metavar=OWN, help=f"poly, rbf, affine, or your own: {OWN_FILE}")
     fit.add_argument("--precision", type=int, choices=(32, 64), default=32, help="bits of a number")
     fit.add_argument("--p0", type=float, default=1e4, help="one over the ridge regularisation")
 
@@ -271,7 +275,7 @@ def dispatch(a):
     elif a.command == "choose":
         from .logs import choose
 
-        choose.run(a.log, a.out, a.platform, a.dictionary)
+        choose.run(a.log, a.out, a.platform, a.dictionary, a.closed_loop)
     elif a.command == "changes":
         from .logs import changes
 

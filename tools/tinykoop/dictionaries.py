@@ -21,6 +21,7 @@ from .plumbing.errors import UserError
 from .plumbing.results import console, output_folder, printable, write_bytes
 
 BUILT_IN = ("poly", "rbf")  # of every platform
+AFFINE = "affine"  # the state and a constant, of every platform
 KERNELS = ("gaussian", "inverse_quadratic", "inverse_multiquadric", "multiquadric", "thin_plate")
 
 
@@ -221,11 +222,13 @@ def check(estimator: "bridge.Estimator", x: np.ndarray, used: np.ndarray, dictio
 
 @cache
 def from_file(text: str) -> "Dictionary | Function | CSource":
-    """The dictionary of FILE.py:NAME, whose file is run once, or of FILE.c:NAME. Raises UserError if it is not there or none."""
+    """AFFINE, or the dictionary of FILE.py:NAME, whose file is run once, or of FILE.c:NAME. Raises UserError if it is not there or none."""
+    if text == AFFINE:
+        return Constant()
     file, _, name = text.rpartition(":")
     if not file.endswith((".py", ".c")) or not name:
         raise UserError(
-            f"--dictionary {text}: give {' or '.join(BUILT_IN)}, FILE.py:NAME, a dictionary or a function in a Python file,"
+            f"--dictionary {text}: give {', '.join((*BUILT_IN, AFFINE))}, FILE.py:NAME, a dictionary or a function in a Python file,"
             " or FILE.c:NAME, a koopf_dictionary in a C file"
         )
     if file.endswith(".c"):

@@ -1,6 +1,7 @@
 """Real logs: float32, the gate and the diagnoser on robots that have no simulator here.
 
-Each log is replayed through the eleven methods; drives are diagnosed as well. The logs are not part of the project.
+Each log is replayed through the eleven methods; drives are diagnosed as well, and with simulated ones beside them settings are
+chosen for them. The logs are not part of the project.
 """
 
 import json
@@ -8,11 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import diagnose, platforms
-from ..logs import replay
+from .. import bridge, diagnose, platforms
+from ..blind import drives, plant, tiers
+from ..logs import choose, replay
 from ..plumbing import pages
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, write_json
+
+SIMULATED, SEED = 10, 2612  # drives of each kind, and the seed of all: not used while `tinykoop choose` was written
+ROWS, DT = 2000, 0.05  # of the drives of one robot
+ROBOT = plant.Cause("actuator_lag", {"tau": 0.3})
 
 
 def logs(places):
@@ -119,15 +125,68 @@ def gap_page(rows):
     return pages.table("`make real`: drives of others", headers, lines)
 
 
+def simulated(folder):
+    """({name: a drive each of several robots, which have one effect each}, {name: drives of one robot}), written into the folder."""
+    kinds = {}, {}
+    for k in range(SIMULATED):
+        label, (x, u, _), _ = tiers.draw("single", SEED, k)
+        random = np.random.default_rng([SEED, k])
+        commands, _ = drives.rich(random, ROWS, DT)
+        driven = plant.simulate(commands[:-1], DT, [ROBOT]) + plant.noise(random, "white", ROWS, 0.005, 0.005)
+        for kind, name, drive in zip(kinds, ("robots", "one"), ((x, u, label["dt"]), (driven, commands, DT))):
+            kind[f"{name}_{k}"] = folder / f"{name}_{k}.csv"
+            bridge.write_log(kind[f"{name}_{k}"], *drive)
+    return kinds
+
+
+def _series(found):
+    """{beginning of the names, up to the first _: logs}, of those that several logs have."""
+    kinds = {}
+    for path in found:
+        kinds.setdefault(path.stem.split("_")[0], []).append(path.stem)
+    return {f"`{name}_*`": stems for name, stems in kinds.items() if len(stems) > 1}
+
+
+def chosen(found, out):
+    """Rows of real.json: the regrets of choices of settings for these drives and simulated ones, in groups."""
+    robots, one = simulated(output_folder(out / "real"))
+    trials = [choose.Trial(path) for path in (*found, *robots.values(), *one.values())]
+    errors, names = choose.compared(trials, choose.DICTIONARIES), [trial.name for trial in trials]
+    real = [path.stem for path in found]
+    groups = {"real drives": real, **_series(found), "drives of several simulated robots": [*robots],
+              "all of these": [*real, *robots], "drives of one simulated robot": [*one]}  # fmt: skip
+    rows = []
+    for group, members in groups.items():
+        of = [i for i, name in enumerate(names) if name in members]
+        regrets = choose.regrets(choose.picked(errors, lambda i: i in of), [trials[i] for i in of])
+        best = choose.best(choose.picked(errors, lambda i: i in of)).label
+        rows.append({"group": group, "best": best, "regrets": regrets})
+    return rows
+
+
+def regret_page(rows):
+    """The table of docs/learning.md: how much worse choices are than the best setting."""
+    kinds, lines = ("others", "single", "own"), []
+    for row in rows:
+        figures = [[regrets[kind] for regrets in row["regrets"].values()] for kind in kinds]
+        cells = [number(100 * float(figure(values))) for values in figures for figure in (np.median, np.max)]
+        lines.append([row["group"], len(row["regrets"]), *cells])
+    named = ("by the other logs", "one for all", "by its first half")
+    headers = ["group", "logs", *(f"{name}: {figure} (%)" for name in named for figure in ("median", "max"))]
+    return pages.table("`make real`: regret of a choice against the best setting of each log", headers, lines)
+
+
 def run(out, data, update=False):
     """Writes real.json into `out`, beside replays and reports, and with `update` tables of docs/; returns (replays, rows)."""
     out, found = output_folder(out), logs(data)
     replays = [replay.run_log(path, out) for path in found]
-    rows = [diagnosed(path, out) for path in found if platforms.of_log(path) == "ddr"]
-    write_json(out / "real.json", rows)
+    driven = [path for path in found if platforms.of_log(path) == "ddr"]
+    rows, choices = [diagnosed(path, out) for path in driven], chosen(driven, out)
+    write_json(out / "real.json", [*rows, *choices])
     if update:
         worst = max(replays, key=lambda rows: _float32(rows)[1])
         pages.update("docs/learning.md", "replay", float32_page(replays) + "\n" + replay_page(worst))
         pages.update("docs/assurance.md", "gate", gate_page(replays))
         pages.update("docs/diagnose.md", "real", gap_page(rows))
+        pages.update("docs/learning.md", "regret", regret_page(choices))
     return replays, rows

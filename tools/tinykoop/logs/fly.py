@@ -12,23 +12,23 @@ def _number(text, what):
         raise UserError(f"{what}: '{text}' is not a number")
 
 
-def effect(text):
-    """The effect that NAME=v,v[@t0,t1] stands for; NAME alone has its usual parameters."""
+def effect(text, platform="fwmav", option="--effect"):
+    """The effect that NAME=v,v[@t0,t1] stands for; NAME alone has its usual parameters. option: which one was given."""
     what, _, when = text.partition("@")
     name, given, values = what.partition("=")
-    table = bridge.effects("fwmav")
+    table = bridge.effects(platform)
     if name not in table:
-        raise UserError(f"--effect {text}: there is no effect '{name}'; there are {', '.join(table)}")
-    times = [_number(t, f"--effect {text}") for t in when.split(",")] if when else [0.0, float("inf")]
+        raise UserError(f"{option} {text}: there is no effect '{name}'; there are {', '.join(table)}")
+    times = [_number(t, f"{option} {text}") for t in when.split(",")] if when else [0.0, float("inf")]
     if len(times) != 2 or not times[0] < times[1]:
-        raise UserError(f"--effect {text}: after @ come the times from and to, in seconds, as in {name}@5,10")
+        raise UserError(f"{option} {text}: after @ come the times from and to, in seconds, as in {name}@5,10")
     if not given:
-        return bridge.usual_effect(name, *times, platform="fwmav")
-    parameters = tuple(_number(v, f"--effect {text}") for v in values.split(","))
+        return bridge.usual_effect(name, *times, platform=platform)
+    parameters = tuple(_number(v, f"{option} {text}") for v in values.split(","))
     rows = table[name][1]
     if len(parameters) != len(rows):
         needed = ", ".join(f"{row[0]} ({row[1]})" for row in rows)
-        raise UserError(f"--effect {text}: {name} takes {needed}, and {len(parameters)} numbers are given")
+        raise UserError(f"{option} {text}: {name} takes {needed}, and {len(parameters)} numbers are given")
     return bridge.Effect(name, parameters, *times)
 
 

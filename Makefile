@@ -48,9 +48,15 @@ $(VENV)/test-ready: tools/requirements-test.txt tools/requirements-mcap.txt $(VE
 	@$(call install,$(VENV),tools/requirements-test.txt tools/requirements-mcap.txt)
 	@touch $@
 
-# The solvers with which the controller is compared: large, and needed only here.
-$(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/test-ready
-	@echo "Solvers for the benchmarks ..."
+# The peers that both the benchmark and the blind evaluation of the diagnoser have.
+$(VENV)/peers-ready: tools/requirements-peers.txt $(VENV)/ready
+	@echo "Peers ..."
+	@$(call install,$(VENV),tools/requirements-peers.txt)
+	@touch $@
+
+# The solvers and learners of the benchmark: large, and needed only here.
+$(VENV)/bench-ready: tools/requirements-bench.txt $(VENV)/test-ready $(VENV)/peers-ready
+	@echo "Solvers and learners for the benchmarks ..."
 	@$(call install,$(VENV),tools/requirements-bench.txt)
 	@touch $@
 
@@ -96,9 +102,9 @@ diagnose: build ## sim-to-real gap of one log (LOG=x.csv, FRESH=y.csv, ROBOT=ddr
 	@$(TINYKOOP) diagnose "$(LOG)" $(if $(FRESH),--fresh "$(FRESH)") $(if $(ROBOT)$(PLATFORM),--robot "$(or $(ROBOT),$(PLATFORM))")
 
 # The packages for the blind evaluation: peers of the diagnoser, and Dask.
-$(VENV)/blind-ready: tools/requirements-blind.txt tools/requirements-peers.txt $(VENV)/ready
-	@echo "Peers of the diagnoser ..."
-	@$(call install,$(VENV),tools/requirements-blind.txt tools/requirements-peers.txt)
+$(VENV)/blind-ready: tools/requirements-blind.txt $(VENV)/peers-ready
+	@echo "Dask ..."
+	@$(call install,$(VENV),tools/requirements-blind.txt)
 	@touch $@
 
 # Simulation packages for your own robots.
@@ -125,7 +131,7 @@ study: build $(VENV)/test-ready ## which Poly runs fail under control and why, s
 supervisor: build ## 200 random closed-loop runs with and without the supervisor: supervisor.json
 	@$(TINYKOOP) supervisor $(UPDATED)
 
-bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, .. (QUICK=1: one round): bench.json
+bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve against DAQP, ProxQP, PIQP, ..; learners in Python against pykoop, pysindy, .. (QUICK=1: one round): bench.json
 	@cmake -S . -B $(BUILD)/bench -DTINYKOOP_BENCH=ON -DTINYKOOP_HOST=OFF
 	@cmake --build $(BUILD)/bench -j $(JOBS)
 	@$(TINYKOOP) bench $(if $(QUICK),--quick) $(UPDATED)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from tinykoop import bridge
-from tinykoop.bench import update
+from tinykoop.bench import learners, update
 from tinykoop.plumbing.errors import UserError
 
 K = 203
@@ -130,3 +130,63 @@ def test_a_peer_that_learns_something_else_is_refused(flight, monkeypatch):
     monkeypatch.setattr(update, "NumpyRls", Forgetful)
     with pytest.raises(UserError, match="NumPy learns something else"):
         update.replay_rows(*flight, "flags", repeats=1)
+
+
+# ---- learners in Python --------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def peers():
+    for package in ("padasip", "sklearn", "pykoop", "pysindy", "odmd"):
+        pytest.importorskip(package, reason=f"{package} is missing: `make bench` installs it")
+
+
+def test_learners_give_every_row_once_and_learn_the_same(peers, capsys):
+    rows = learners.run(1, learners.FEW_ROWS)
+    json.dumps(rows, allow_nan=False)
+    at = {row["task"]: row for row in rows}
+    names = (*learners.BATCH, *learners.ONLINE, learners.AT_ONCE)
+    assert len(at) == len(rows) == 3 * len(names) + 3
+    for n in learners.STEPS:
+        ours, peer = at[f"python_error_{n}, TinyKoop"], at[f"python_error_{n}, scikit-learn, LinearRegression"]
+        assert peer["peer"] == pytest.approx(ours["ours"], rel=1e-3) and ours["ratio"] == 1
+    assert all(row["ours"] > 0 and row["ratio"] == pytest.approx(row["peer"] / row["ours"], rel=2e-3) for row in rows)
+    shown = capsys.readouterr().out
+    assert "pykoop, own polynomials" in shown and "row by row" in shown
+
+
+def test_errors_of_learners_are_those_of_least_squares():
+    """By numpy.linalg.lstsq on features by hand, and an error one and ten steps ahead in a loop."""
+    data = learners.drive(learners.FEW_ROWS)
+    a, b, c = data.x.T
+    psi = np.stack([a, b, c, a * a, a * b, a * c, b * b, b * c, c * c, np.ones(len(a))], axis=1)
+    assert psi.shape[1] == learners.SIZE
+    fitted = data.fitted
+    theta = np.linalg.lstsq(np.hstack([psi[:fitted], data.u[:fitted]]), psi[1 : fitted + 1], rcond=None)[0].T
+    for steps in learners.STEPS:
+        squares = []
+        for start in data.starts:
+            z = psi[start]
+            for k in range(steps):
+                z = theta @ np.concatenate([z, data.u[start + k]])
+            squares.append(np.sum((z[:2] - data.x[start + steps, :2]) ** 2))
+        fit = learners.BATCH[learners.OURS][1](data)
+        assert learners.error(data, learners.linear(data, fit, steps), steps) == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-2)
+
+
+def test_online_learners_predict_before_they_learn():
+    """The model of a start is that of a learner that was given the rows before it alone."""
+    data = learners.drive(learners.FEW_ROWS)
+    models = learners.models_ahead(data, learners._Tinykoop(data))
+    for at in (0, len(data.starts) - 1):
+        other = learners._Tinykoop(data)
+        for k in range(data.starts[at]):
+            other.learn(k)
+        np.testing.assert_array_equal(models[at], other.theta)
+
+
+def test_a_python_peer_that_learns_something_else_is_refused(peers, monkeypatch):
+    ours = learners.BATCH[learners.OURS][1]
+    monkeypatch.setitem(learners.BATCH, "pykoop, Edmd", ("pykoop", lambda data: 1.001 * ours(data)))
+    with pytest.raises(UserError, match="pykoop, Edmd learns something else than TinyKoop"):
+        learners.errors_of(learners.drive(learners.FEW_ROWS))

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from tinykoop.assure import coverage, determinism, flips, fuzz, mutants, sanitize, soak
+from tinykoop.bench import learners
 from tinykoop.bench import page as bench
 from tinykoop.blind import page as blind
 from tinykoop.experiments import real, scenario, supervisor, transfer
@@ -49,6 +50,10 @@ def bench_rows():
         for o in ("", "_O3")
         for name, peer in (("DAQP, tolerance 1", 200.0), ("CVXPY, dense", 900.0))
     ]
+    for tasks, names in ((("fit",), learners.BATCH), (("update",), (*learners.ONLINE, learners.AT_ONCE))):
+        rows += [timed(f"python_{task}, {name}", 2.0, 3.0, name) for task in (*tasks, "error_1", "error_10") for name in names]
+    rows += [timed("python_fit_function", 0.01, 0.2, "asked for"), timed("python_update_function", 0.1, 0.2, "asked for")]
+    rows += [timed("python_fit_built_in", 0.01, 0.008, learners.IN_C)]
     rows += [timed("qp_cold_1e-6_f64", 50.0, 800.0, "PIQP"), timed("qp_warm_1e-6_f64", 50.0, 800.0, "PIQP, no warm start")]
     return rows
 
@@ -63,6 +68,9 @@ def test_bench_writes_times_ratios_and_the_headline(written):
     assert solve["CVXPY, dense"] == ["900", "900", "-", "-"] and solve["PIQP"] == ["800", "-", "-", "-"]
     assert solve["TinyKoop -O2 / nearest peer, median of pairs"] == ["0.25", "0.25", "-", "-"]
     assert cells(written["bench-replay"])["vanilla"] == ["2.34", "2.34"]
+    python = cells(written["bench-python"])
+    assert python["pykoop, Edmd"] == ["3", "-", "3", "3", "1.5"] and python["odmd, OnlineDMD"] == ["-", "3", "3", "3", "1.5"]
+    assert [figure for (figure,) in list(python.values())[-3:]] == ["0.01", "0.1", "0.8"]
     assert written["eigen"] == "0.80"
 
 

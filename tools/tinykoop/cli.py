@@ -155,7 +155,7 @@ def _firmware(add):
 
     cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
-    bench = add("bench", "time the update and the solve against peers, side by side")
+    bench = add("bench", "time the update, the solve and the learner in Python against peers, side by side")
     bench.add_argument("--quick", action="store_true", help="one round of each, which shows that it runs")
 
 

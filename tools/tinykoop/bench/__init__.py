@@ -1,8 +1,8 @@
-"""Side by side with peers: an update of the model (update), and a solve of the controller (solve)."""
+"""Side by side with peers: an update of the model (update), a solve of the controller (solve), learners in Python (learners)."""
 
 from ..plumbing import results
 from ..plumbing.errors import UserError
-from . import page
+from . import learners, page
 from . import solve as solving
 from . import update as updating
 
@@ -19,6 +19,7 @@ def run(out_dir, build_dir, update=False, quick=False):
     with results.replacing(out_dir / "bench.json", rows):
         rows += updating.run(out_dir, build_dir, *((1,) if quick else ()))
         rows += solving.run(out_dir, build_dir, *((1, solving.FEW) if quick else ()))
+        rows += learners.run(*((1, learners.FEW_ROWS) if quick else ()))
     if update:
         page.write(rows)
     return rows

@@ -3,6 +3,7 @@
 from ..experiments import scenario
 from ..plumbing import pages
 from ..plumbing.results import number
+from . import learners
 from .update import REPLAY_REGULATORS
 
 COLUMNS = {
@@ -90,9 +91,18 @@ def _ours(rows, task, suffix):
     return next((r for r in rows if r["task"] == name), None)
 
 
+def python_table(rows):
+    """Learners in Python, and what was asked of 5,000 updates."""
+    title = (
+        f"Learners in Python, N = {learners.SIZE}, m = 2, float64: errors are RMS position errors on {learners.HELD_OUT:,} held-out rows"
+    )
+    updates = pages.facts(f"{learners.ROWS:,} updates from Python, N = 22, m = 2, float32", learners.claim_lines(rows))
+    return pages.table(title, *learners.table(rows)) + "\n" + updates
+
+
 def write(rows):
     """Writes the tables, and the figure of the README."""
-    for name, contents in (("update", update_table), ("replay", replay_table), ("solve", solve_table)):
+    for name, contents in (("update", update_table), ("replay", replay_table), ("solve", solve_table), ("python", python_table)):
         pages.update("docs/benchmarks.md", f"bench-{name}", contents(rows))
     (main,) = [r for r in rows if r["task"] == "rls_update_f32_O2"]
     pages.headline("eigen", f"{1 / main['ratio']:.2f}")

@@ -147,6 +147,17 @@ def test_a_model_of_the_affine_dictionary_goes_into_firmware(gentle, tmp_path):
     assert tk.RLS(tk.Constant(), 2).load(tmp_path / "model.h", 3).theta.shape == (4, 6)
 
 
+def test_an_average_costs_what_its_members_cost(gentle):
+    trial = choose.Trial(gentle)
+    members = [choose.cost(choose.Setting("affine", *member), trial) for member in choose.MEMBERS]
+    assert choose.cost(choose.Setting("affine", choose.AVERAGE, None), trial) == sum(members) and min(members) > 0
+
+
+def test_a_dictionary_by_a_function_has_no_closed_loop(gentle, tmp_path):
+    (tmp_path / "own.py").write_text("import numpy as np\n\ndef mine(x):\n    return np.column_stack([x, np.sin(x[:, 2])])\n")
+    assert choose.tracking(choose.Trial(gentle), choose.Setting(f"{tmp_path / 'own.py'}:mine", "ef", 0.99), []) is None
+
+
 def test_short_log_is_refused(tmp_path, monkeypatch):
     x, u = drive(3)
     bridge.write_log(tmp_path / "short.csv", x[:105], u[:105], DT)

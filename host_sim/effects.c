@@ -2,7 +2,8 @@
  * caller's: a command is cut by its sender, arrives late, and goes through the
  * drive to the wheels; there it becomes a speed over ground, and at last a
  * measured pose. Or it arrives late at the servos of the wings, which beat the
- * air, which moves, and at last it is seen by a gyro. */
+ * air, which moves, and at last it is seen by a gyro. A quadrotor's requests arrive late at its rotors, which carry
+ * the body and what hangs on it through the air; then sensors see it. */
 #include "effects.h"
 
 #include <string.h>
@@ -55,17 +56,39 @@
 	EFFECT(fwmav_gust)                                                                                       \
 	EFFECT(fwmav_gyro_bias)
 
+#define QUADROTOR_EFFECTS(EFFECT)                                                                            \
+	EFFECT(quadrotor_transport_delay)                                                                        \
+	EFFECT(quadrotor_motor_lag)                                                                              \
+	EFFECT(quadrotor_rotor1_thrust)                                                                          \
+	EFFECT(quadrotor_rotor2_thrust)                                                                          \
+	EFFECT(quadrotor_rotor3_thrust)                                                                          \
+	EFFECT(quadrotor_rotor4_thrust)                                                                          \
+	EFFECT(quadrotor_thrust_gain)                                                                            \
+	EFFECT(quadrotor_battery_sag)                                                                            \
+	EFFECT(quadrotor_payload)                                                                                \
+	EFFECT(quadrotor_slung_load)                                                                             \
+	EFFECT(quadrotor_trim)                                                                                   \
+	EFFECT(quadrotor_wind)                                                                                   \
+	EFFECT(quadrotor_drag)                                                                                   \
+	EFFECT(quadrotor_gyro_bias)                                                                              \
+	EFFECT(quadrotor_accel_bias)                                                                             \
+	EFFECT(quadrotor_vibration)
+
 #define DECLARE(name) extern const tk_effect name;
 #define ENTER(name) &name,
 
 DDR_EFFECTS(DECLARE)
 FWMAV_EFFECTS(DECLARE)
+QUADROTOR_EFFECTS(DECLARE)
 
 static const tk_effect *const ddr_list[] = {DDR_EFFECTS(ENTER)};
 static const tk_effect *const fwmav_list[] = {FWMAV_EFFECTS(ENTER)};
+static const tk_effect *const quadrotor_list[] = {QUADROTOR_EFFECTS(ENTER)};
 
 const tk_effects ddr_effects = {"ddr", ddr_list, sizeof ddr_list / sizeof *ddr_list};
 const tk_effects fwmav_effects = {"fwmav", fwmav_list, sizeof fwmav_list / sizeof *fwmav_list};
+const tk_effects quadrotor_effects = {"quadrotor", quadrotor_list,
+                                      sizeof quadrotor_list / sizeof *quadrotor_list};
 
 const tk_effect *effect_by_name(const tk_effects *table, const char *name) {
 	for (size_t i = 0; i < table->count; i++) {
@@ -76,14 +99,14 @@ const tk_effect *effect_by_name(const tk_effects *table, const char *name) {
 
 /* Null after fail(). */
 static const tk_effect *effect_at(const char *platform, size_t effect) {
-	const tk_effects *tables[] = {&ddr_effects, &fwmav_effects};
-	for (size_t i = 0; i < 2; i++) {
+	const tk_effects *tables[] = {&ddr_effects, &fwmav_effects, &quadrotor_effects};
+	for (size_t i = 0; i < sizeof tables / sizeof *tables; i++) {
 		if (!platform || strcmp(tables[i]->platform, platform) != 0) { continue; }
 		if (effect < tables[i]->count) { return tables[i]->effects[effect]; }
 		fail("%s has only %zu effects", platform, tables[i]->count);
 		return NULL;
 	}
-	fail("there is no platform named '%s': use ddr or fwmav", platform ? platform : "");
+	fail("there is no platform named '%s': use ddr, fwmav or quadrotor", platform ? platform : "");
 	return NULL;
 }
 

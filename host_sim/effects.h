@@ -1,7 +1,7 @@
 /* The interface of an unmodelled effect.
  *
- * To add one: write effects/NAME.c (of the DDR) or fwmav_effects/NAME.c and add
- * its line to effects.c.
+ * To add one: write effects/NAME.c (of the DDR), fwmav_effects/NAME.c or quadrotor_effects/NAME.c
+ * and add its line to effects.c.
  * All parameters zero must leave every signal bit for bit as it was.
  * Actuator and plant of the DDR know nothing of the pose: so the way covered in a
  * step is the same wherever it began, and windows.c needs it only once.
@@ -12,7 +12,8 @@
 #include "tinykoop_sim.h"
 
 /* What flows through one time step. An effect changes the part of its block.
- * The FWMAV has one command, and signals of its own around this (fwmav.h). */
+ * The FWMAV has one command, and the quadrotor four; they have signals of their own around this (fwmav.h,
+ * quadrotor.h). */
 typedef struct tk_signal {
 	double t, dt;      /* s; t is the log's, dt as it truly lasts */
 	double passed;     /* share of the time between setting in and the end, 0 to 1 */
@@ -50,7 +51,7 @@ typedef struct tk_effects {
 	size_t count;
 } tk_effects;
 
-extern const tk_effects ddr_effects, fwmav_effects;
+extern const tk_effects ddr_effects, fwmav_effects, quadrotor_effects;
 
 /* Null if there is none of that name. */
 const tk_effect *effect_by_name(const tk_effects *table, const char *name);
@@ -77,10 +78,13 @@ void effects_apply(const effect_chain *chain, int block, tk_signal *signal);
 /* Takes back what those of `block` did that can be undone, the last one first. */
 void effects_undo(const effect_chain *chain, int block, tk_signal *signal);
 
-/* ---- Effects that both platforms have ---------------------------------------- */
+/* ---- Effects that several platforms have ---------------------------------------- */
 
 void delay_commands(const double *parameters, double *memory, tk_signal *signal);
 size_t delay_history(const double *parameters, double dt);
+/* One command, late by `delay`; `memory` of axis_delay_history(). */
+void delay_command(double delay, double *memory, double dt, double *command);
+size_t axis_delay_history(double delay, double dt);
 enum { LAG_MEMORY = 8 };
 void lag_commands(const double *parameters, double *memory, tk_signal *signal);
 

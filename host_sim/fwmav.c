@@ -63,39 +63,6 @@ void fwmav_sway(double vibration, double *state) {
 	}
 }
 
-/* ---- Quaternions ------------------------------------------------------------ */
-
-void quaternion_to_matrix(const double *q, double R[3][3]) {
-	const double w = q[0], x = q[1], y = q[2], z = q[3];
-	R[0][0] = 1 - 2 * (y * y + z * z);
-	R[0][1] = 2 * (x * y - w * z);
-	R[0][2] = 2 * (x * z + w * y);
-	R[1][0] = 2 * (x * y + w * z);
-	R[1][1] = 1 - 2 * (x * x + z * z);
-	R[1][2] = 2 * (y * z - w * x);
-	R[2][0] = 2 * (x * z - w * y);
-	R[2][1] = 2 * (y * z + w * x);
-	R[2][2] = 1 - 2 * (x * x + y * y);
-}
-
-void quaternion_derivative(const double *q, const double *w, double *derivative) {
-	derivative[0] = -0.5 * (q[1] * w[0] + q[2] * w[1] + q[3] * w[2]);
-	derivative[1] = 0.5 * (q[0] * w[0] + q[2] * w[2] - q[3] * w[1]);
-	derivative[2] = 0.5 * (q[0] * w[1] + q[3] * w[0] - q[1] * w[2]);
-	derivative[3] = 0.5 * (q[0] * w[2] + q[1] * w[1] - q[2] * w[0]);
-}
-
-void quaternion_normalise(double *q) {
-	const double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-	for (size_t i = 0; i < 4; i++) { q[i] /= norm; }
-}
-
-static void add_cross(const double *a, const double *b, double *sum) {
-	sum[0] += a[1] * b[2] - a[2] * b[1];
-	sum[1] += a[2] * b[0] - a[0] * b[2];
-	sum[2] += a[0] * b[1] - a[1] * b[0];
-}
-
 /* ---- Forces ------------------------------------------------------------------- */
 
 typedef struct servo_angles {

@@ -3,6 +3,7 @@
 #define FWMAV_H
 
 #include "effects.h"
+#include "quaternion.h"
 
 #define FWMAV_TURN 6.283185307179586 /* rad */
 #define FWMAV_GUSTS 0.1              /* s, that turbulence lasts */
@@ -58,12 +59,5 @@ void fwmav_derivative(const fwmav_signal *signal, const double *state, double *d
 void fwmav_step(const fwmav_signal *signal, double *state);
 /* Fails if the state at time t is not finite. */
 int fwmav_check(const double *state, double t);
-
-/* ---- Quaternions (w, x, y, z), body to world --------------------------------- */
-
-void quaternion_to_matrix(const double *q, double R[3][3]);
-/* dq/dt of a body that turns with w (rad/s, body axes) */
-void quaternion_derivative(const double *q, const double *w, double *derivative);
-void quaternion_normalise(double *q);
 
 #endif

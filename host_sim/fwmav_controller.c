@@ -9,12 +9,7 @@
 /* ---- Attitude estimate ---------------------------------------------------------- */
 
 void estimate_set(estimate *e, double pitch, double roll, double yaw) {
-	const double cp = cos(0.5 * pitch), sp = sin(0.5 * pitch), cr = cos(0.5 * roll), sr = sin(0.5 * roll);
-	const double cy = cos(0.5 * yaw), sy = sin(0.5 * yaw);
-	e->q[0] = cr * cp * cy + sr * sp * sy;
-	e->q[1] = sr * cp * cy - cr * sp * sy;
-	e->q[2] = cr * sp * cy + sr * cp * sy;
-	e->q[3] = cr * cp * sy - sr * sp * cy;
+	quaternion_from_angles(roll, pitch, yaw, e->q);
 	e->pitch = pitch;
 	e->roll = roll;
 	e->yaw = yaw;
@@ -39,11 +34,11 @@ void estimate_step(estimate *e, const double *gyro, const double *felt, double d
 }
 
 void estimate_angles(estimate *e) {
-	double R[3][3];
-	quaternion_to_matrix(e->q, R);
-	e->pitch = asin(fmax(-1, fmin(1, -R[2][0])));
-	e->roll = atan2(R[2][1], R[2][2]);
-	e->yaw = atan2(R[1][0], R[0][0]);
+	double angles[3];
+	quaternion_to_angles(e->q, angles);
+	e->roll = angles[0];
+	e->pitch = angles[1];
+	e->yaw = angles[2];
 	const double c = cos(e->pitch);
 	e->yaw_rate = (sin(e->roll) * e->rate[1] + cos(e->roll) * e->rate[2]) / fmax(c, 0.01);
 }

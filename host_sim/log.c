@@ -23,31 +23,53 @@ typedef struct quantity {
 #define RATE(name) {name, "rad/s", 1e4}          /* a turbine */
 #define ACCELERATION(name) {name, "m/s^2", 1e5}  /* a shot */
 #define COMMAND(name, unit) {name, unit, 1e7}    /* your own platform may count it in something else */
+#define SPEED(name) {name, "m/s", 1e5}           /* beyond what leaves the Earth */
+#define VOLTAGE(name) {name, "V", 1e5}           /* in mV it is within: the vehicle's voltage tells */
+
+enum { MAX_VALUES = 24 };
 
 typedef struct platform {
 	const char *name;
 	size_t n_states, n_inputs;
-	quantity columns[12]; /* t, states, inputs */
+	size_t state, input;  /* where they begin in `columns`; t is the first */
+	size_t optional;      /* columns from here on may be absent: NaN */
+	quantity columns[MAX_VALUES];
 } platform;
 
 static const platform platforms[] = {
     {"ddr",
      3,
      2,
+     1,
+     4,
+     6,
      {TIME("t"), POSITION("px"), POSITION("py"), ANGLE("theta"), COMMAND("v", "m/s"),
       COMMAND("omega", "rad/s")}},
     {"fwmav",
      10,
      1,
+     1,
+     11,
+     12,
      {TIME("t"), RATE("gx"), RATE("gy"), RATE("gz"), ACCELERATION("ax"), ACCELERATION("ay"), ACCELERATION("az"),
       ANGLE("pitch"), ANGLE("roll"), ANGLE("yaw"), RATE("yaw_rate"), COMMAND("u", "rad")}},
+    {"quadrotor",
+     TK_QUADROTOR_SENSED,
+     TK_QUADROTOR_COMMANDS,
+     6,
+     1,
+     5,
+     {TIME("t"), COMMAND("m1", "of full"), COMMAND("m2", "of full"), COMMAND("m3", "of full"),
+      COMMAND("m4", "of full"), VOLTAGE("vbat"), POSITION("px"), POSITION("py"), POSITION("pz"), SPEED("vx"), SPEED("vy"),
+      SPEED("vz"), ACCELERATION("ax"), ACCELERATION("ay"), ACCELERATION("az"), ANGLE("roll"), ANGLE("pitch"),
+      ANGLE("yaw"), RATE("gx"), RATE("gy"), RATE("gz")}},
 };
 
 static const platform *platform_by_name(const char *name) {
 	for (size_t i = 0; i < sizeof platforms / sizeof *platforms; i++) {
 		if (name && strcmp(platforms[i].name, name) == 0) { return &platforms[i]; }
 	}
-	fail("there is no platform named '%s': use ddr or fwmav", name ? name : "");
+	fail("there is no platform named '%s': use ddr, fwmav or quadrotor", name ? name : "");
 	return NULL;
 }
 
@@ -55,7 +77,7 @@ struct tk_log {
 	const platform *platform;
 	size_t rows, capacity;
 	double dt;
-	double *values; /* rows of t, states, inputs */
+	double *values; /* rows of the platform's columns */
 	double *seg;
 	int *pose_ok;
 };
@@ -81,7 +103,7 @@ typedef struct reader {
 	size_t line;
 	size_t n_columns;
 	char *names[MAX_COLUMNS];
-	int field_of[16]; /* for each required value, its column */
+	int field_of[MAX_VALUES]; /* for each value, its column; -1 where an optional one is absent */
 	int seg, pose_ok; /* columns, -1 where there is none */
 } reader;
 
@@ -119,6 +141,10 @@ static size_t split(char *line, char **fields, size_t most) {
 	return count;
 }
 
+static int is_state(const platform *p, size_t i) {
+	return i >= p->state && i < p->state + p->n_states;
+}
+
 static int find_column(const reader *r, const char *name) {
 	for (size_t i = 0; i < r->n_columns; i++) {
 		if (strcmp(r->names[i], name) == 0) { return (int)i; }
@@ -134,13 +160,19 @@ static int read_header(reader *r, const tk_log *log) {
 	if (r->n_columns > MAX_COLUMNS) {
 		return fail("%s:1: %zu columns, at most %d can be read", r->path, r->n_columns, MAX_COLUMNS);
 	}
+	size_t states = 0;
 	for (size_t i = 0; i < width(log); i++) {
 		const char *name = log->platform->columns[i].name;
 		r->field_of[i] = find_column(r, name);
-		if (r->field_of[i] < 0) {
+		if (r->field_of[i] < 0 && i < log->platform->optional) {
 			return fail("%s:1: column '%s' is missing; a %s log needs all of its columns (see README, Logs)",
 			            r->path, name, log->platform->name);
 		}
+		states += r->field_of[i] >= 0 && is_state(log->platform, i);
+	}
+	if (!states) {
+		return fail("%s:1: no column of the state, such as '%s'; add what was measured", r->path,
+		            log->platform->columns[log->platform->state].name);
 	}
 	for (size_t i = 0; i < r->n_columns; i++) {
 		if (find_column(r, r->names[i]) != (int)i && r->names[i][0]) {
@@ -174,16 +206,19 @@ static int is_possible(double value, const quantity *c) {
 /* Value i of a row: a number that a robot can have. */
 static int read_value(const reader *r, const tk_log *log, char *const *fields, size_t i, double *value) {
 	const quantity *c = &log->platform->columns[i];
-	const int at = r->field_of[i], is_state = i >= 1 && i <= log->platform->n_states;
+	const int at = r->field_of[i];
+	*value = NAN;
+	if (at < 0) { return TK_OK; }
 	if (read_number(r, fields, at, value) != TK_OK) { return TK_ERROR; }
 	if (is_possible(*value, c)) { return TK_OK; }
 	return fail("%s:%zu: column '%s' (%d): %.40s is beyond %g %s; write it in SI units%s", r->path, r->line,
-	            c->name, at + 1, fields[at], c->limit, c->unit, is_state ? ", or mask the row by pose_ok 0" : "");
+	            c->name, at + 1, fields[at], c->limit, c->unit,
+	            is_state(log->platform, i) ? ", or mask the row by pose_ok 0" : "");
 }
 
 /* The same of a masked row, in which a state is never looked at: what cannot be one is NaN. */
 static int read_masked(const reader *r, const tk_log *log, char *const *fields, size_t i, double *value) {
-	if (i == 0 || i > log->platform->n_states) { return read_value(r, log, fields, i, value); }
+	if (!is_state(log->platform, i) || r->field_of[i] < 0) { return read_value(r, log, fields, i, value); }
 	const int possible = parse(fields[r->field_of[i]], value) && is_possible(*value, &log->platform->columns[i]);
 	if (!possible) { *value = NAN; }
 	return TK_OK;
@@ -346,8 +381,8 @@ int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usab
 	for (size_t k = 0; k < log->rows; k++) {
 		const double *row = log->values + k * width(log);
 		if (t) { t[k] = row[0]; }
-		if (x) { memcpy(x + k * n, row + 1, n * sizeof *x); }
-		if (u) { memcpy(u + k * m, row + 1 + n, m * sizeof *u); }
+		if (x) { memcpy(x + k * n, row + log->platform->state, n * sizeof *x); }
+		if (u) { memcpy(u + k * m, row + log->platform->input, m * sizeof *u); }
 		if (usable && k + 1 < log->rows) {
 			const double step = row[width(log)] - row[0];
 			usable[k] = log->seg[k] == log->seg[k + 1] && log->pose_ok[k] && log->pose_ok[k + 1] &&
@@ -359,16 +394,34 @@ int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usab
 
 /* ---- Writing ----------------------------------------------------------------- */
 
+/* Value i > 0 of row k. */
+static double written(const platform *p, size_t k, size_t i, const double *x, const double *u) {
+	if (is_state(p, i)) { return x[k * p->n_states + i - p->state]; }
+	return u[k * p->n_inputs + i - p->input];
+}
+
+/* Whether the column is left out: an optional one without any number. */
+static int is_absent(const platform *p, size_t rows, size_t i, const double *x, const double *u) {
+	int absent = i >= p->optional;
+	for (size_t k = 0; k < rows && absent; k++) { absent = isnan(written(p, k, i, x, u)); }
+	return absent;
+}
+
 static int write_rows(FILE *file, const platform *p, size_t rows, double dt, const double *x,
                       const double *u) {
 	const saved_locale before = set_locale_aside();
 	if (!before) { return 0; }
 	const size_t columns = 1 + p->n_states + p->n_inputs;
-	for (size_t i = 0; i < columns; i++) { fprintf(file, "%s%s", i ? "," : "", p->columns[i].name); }
+	int absent[MAX_VALUES];
+	for (size_t i = 0; i < columns; i++) {
+		absent[i] = is_absent(p, rows, i, x, u);
+		if (!absent[i]) { fprintf(file, "%s%s", i ? "," : "", p->columns[i].name); }
+	}
 	for (size_t k = 0; k < rows; k++) {
 		fprintf(file, "\n%.10g", (double)k * dt);
-		for (size_t i = 0; i < p->n_states; i++) { fprintf(file, ",%.17g", x[k * p->n_states + i]); }
-		for (size_t i = 0; i < p->n_inputs; i++) { fprintf(file, ",%.17g", u[k * p->n_inputs + i]); }
+		for (size_t i = 1; i < columns; i++) {
+			if (!absent[i]) { fprintf(file, ",%.17g", written(p, k, i, x, u)); }
+		}
 	}
 	fprintf(file, "\n");
 	put_locale_back(before);
@@ -376,11 +429,15 @@ static int write_rows(FILE *file, const platform *p, size_t rows, double dt, con
 }
 
 /* Refuses what reading would refuse. */
-static int check_row(const char *path, size_t k, const quantity *columns, size_t count, const double *values) {
-	for (size_t i = 0; i < count; i++) {
-		if (!is_possible(values[i], &columns[i])) {
+static int check_column(const char *path, const platform *p, size_t rows, size_t i, const double *x,
+                        const double *u) {
+	const quantity *c = &p->columns[i];
+	if (is_absent(p, rows, i, x, u)) { return TK_OK; }
+	for (size_t k = 0; k < rows; k++) {
+		const double value = written(p, k, i, x, u);
+		if (!is_possible(value, c)) {
 			return fail("%s: row %zu: column '%s': %g is not a number within %g %s; a log holds no other", path, k,
-			            columns[i].name, values[i], columns[i].limit, columns[i].unit);
+			            c->name, value, c->limit, c->unit);
 		}
 	}
 	return TK_OK;
@@ -392,11 +449,8 @@ int tk_log_write(const char *path, const char *platform_name, size_t rows, doubl
 	const platform *p = platform_by_name(platform_name);
 	if (!p) { return TK_ERROR; }
 	if (!path || !x || !u) { return fail("path, x and u must be given"); }
-	for (size_t k = 0; k < rows; k++) {
-		if (check_row(path, k, p->columns + 1, p->n_states, x + k * p->n_states) != TK_OK ||
-		    check_row(path, k, p->columns + 1 + p->n_states, p->n_inputs, u + k * p->n_inputs) != TK_OK) {
-			return TK_ERROR;
-		}
+	for (size_t i = 1; i < 1 + p->n_states + p->n_inputs; i++) {
+		if (check_column(path, p, rows, i, x, u) != TK_OK) { return TK_ERROR; }
 	}
 	char *beside = malloc(strlen(path) + 32);
 	if (!beside) { return fail("out of memory"); }

@@ -54,7 +54,7 @@ typedef struct tk_active {
 	double t0, t1;
 } tk_active;
 
-/* The effects of a platform (ddr, fwmav) in the order of action; null when there are no more. */
+/* The effects of a platform (ddr, fwmav, quadrotor) in the order of action; null when there are no more. */
 TK_API const char *tk_effect_name(const char *platform, size_t effect);
 TK_API const char *tk_effect_formula(const char *platform, size_t effect);
 /* Effects of one family look alike in a log. Those that are reported as another one are forms of it. */
@@ -109,7 +109,7 @@ TK_API int tk_steps(const tk_active *effects, size_t n_effects, int integrator, 
 enum { TK_FWMAV_STATES = 21, TK_FWMAV_HZ = 100 };
 
 typedef struct tk_flight {
-	const char *manoeuvre; /* hover, pitch (climbing, tipping to and fro), yaw (turning) */
+	const char *manoeuvre; /* hover, pitch (climbing, tipping to and fro), yaw (turning); of a quadrotor see there */
 	uint64_t seed;         /* of schedule, turbulence, noise */
 	double noise;          /* factor of turbulence, IMU noise and bias; 1: as it flies, 0: none */
 } tk_flight;
@@ -126,6 +126,42 @@ TK_API int tk_fwmav_fly(const tk_active *effects, size_t n_effects, const tk_fli
  * for dt. yaw = 1: effects on u act on the twist, else on the dihedral. states: steps + 1 rows. */
 TK_API int tk_fwmav_roll(const tk_active *effects, size_t n_effects, int yaw, double dt, size_t steps,
                          const double *state, const double *commands, double *states);
+
+/* ---- Plant: the quadrotor ------------------------------------------------------
+ *
+ * Four rotors in an X, M1 front right, M2 rear right, M3 rear left, M4 front left, and a flight controller
+ * (docs/quadrotor.md). Axes: x forward, y left, z up; angles turn about these, so positive pitch tips it forward. The
+ * log's u is thrust asked for of each rotor (0 to 1) and the battery's voltage (V); its x is position (m), velocity
+ * (m/s), acceleration without gravity (m/s^2), all in the world's axes, roll, pitch, yaw (rad) and angular velocity
+ * (rad/s, body axes). A vehicle is an array of its parameters in the order of tk_quadrotor_parameter(); null is a
+ * Crazyflie 2.1. */
+
+enum {
+	TK_QUADROTOR_STATES = 21,
+	TK_QUADROTOR_SENSED = 15,
+	TK_QUADROTOR_COMMANDS = 5,
+	TK_QUADROTOR_HZ = 100,
+};
+
+/* Name, unit, bounds and the Crazyflie's value of a parameter of a vehicle; fails when there are no more. */
+TK_API int tk_quadrotor_parameter(size_t parameter, const char **name, const char **unit, double *low,
+                                  double *high, double *value);
+
+/* Factor by which bounds and usual sizes of effects in this unit are larger for this vehicle than for a Crazyflie. */
+TK_API int tk_quadrotor_scale(const double *vehicle, const char *unit, double *by);
+
+/* Flies: hover, legs (take off, 2 m along x, land, and back) or mixed (steps of place, heading and height): x (rows of
+ * TK_QUADROTOR_SENSED) and u (rows of TK_QUADROTOR_COMMANDS) at TK_QUADROTOR_HZ, and the true states. */
+TK_API int tk_quadrotor_fly(const tk_active *effects, size_t n_effects, const double *vehicle,
+                            const tk_flight *flight, size_t rows, double *x, double *u, double *states);
+
+/* The vehicle without its controller and far from the ground, from `state`, in still air but for effects: commands
+ * (steps rows of TK_QUADROTOR_COMMANDS: four requests, voltage, NaN where it is not known), each held for dt. states:
+ * steps + 1 rows of TK_QUADROTOR_STATES: position, velocity (world), quaternion (w, x, y, z; body to world), angular
+ * velocity (body), four shares of full thrust, and of a slung load the horizontal part (x, y, world) of the unit
+ * vector along its string, and its rate. Position and velocity are those of the centre of mass. */
+TK_API int tk_quadrotor_roll(const tk_active *effects, size_t n_effects, const double *vehicle, double dt,
+                             size_t steps, const double *state, const double *commands, double *states);
 
 /* The noise of a log, as the filter of tk_whiten() takes it. Sensor noise is white with a variance of its own
  * in each row, beside a coloured part, AR(1); so is random motion. */
@@ -428,7 +464,8 @@ TK_API int tk_threshold(double *scores, size_t count, double eta, double *delta)
 
 typedef struct tk_log tk_log;
 
-/* platform: ddr or fwmav. Refuses a bad file with file, line and column. */
+/* platform: ddr, fwmav or quadrotor. Refuses a bad file with file, line and column. A quadrotor's log may lack
+ * vbat and columns of the state, which are NaN then. */
 TK_API int tk_log_read(const char *path, const char *platform, tk_log **log);
 TK_API void tk_log_free(tk_log *log);
 TK_API size_t tk_log_rows(const tk_log *log);
@@ -436,7 +473,8 @@ TK_API double tk_log_dt(const tk_log *log); /* s */
 /* rows x n, rows x m, rows, and for each transition k -> k + 1 whether it may be
  * used (rows - 1 values): not across a change of seg, not on masked rows */
 TK_API int tk_log_get(const tk_log *log, double *t, double *x, double *u, int32_t *usable);
-/* Writes t,px,py,theta,v,omega or the FWMAV columns; t = k dt. u has rows rows. */
+/* Writes the platform's columns; t = k dt. u has rows rows. What a quadrotor's log may lack is left out if it is NaN
+ * throughout. */
 TK_API int tk_log_write(const char *path, const char *platform, size_t rows, double dt, const double *x,
                         const double *u);
 

@@ -16,12 +16,17 @@ DATA = Path(__file__).resolve().parents[3] / "shared/data"
 COLUMNS = {
     "ddr": "t,px,py,theta,v,omega",
     "fwmav": "t,gx,gy,gz,ax,ay,az,pitch,roll,yaw,yaw_rate,u",
+    "quadrotor": "t,m1,m2,m3,m4,vbat,px,py,pz,vx,vy,vz,ax,ay,az,roll,pitch,yaw,gx,gy,gz",
 }
 
 
-LOG_STATES = {"ddr": 3, "fwmav": 10}
+LOG_STATES = {"ddr": 3, "fwmav": 10, "quadrotor": 15}
+STATES = {"ddr": slice(1, 4), "fwmav": slice(1, 11), "quadrotor": slice(6, 21)}
+INPUTS = {"ddr": slice(4, 6), "fwmav": slice(11, 12), "quadrotor": slice(1, 6)}
+MAY_LACK = COLUMNS["quadrotor"].split(",")[5:]
 # of each column: what no robot has in SI units
 LIMITS = {"ddr": [1e11, 1e8, 1e8, 1e7, 1e7, 1e7], "fwmav": [1e11, *[1e4] * 3, *[1e5] * 3, *[1e7] * 3, 1e4, 1e7]}
+LIMITS["quadrotor"] = [1e11, *[1e7] * 4, 1e5, *[1e8] * 3, *[1e5] * 6, *[1e7] * 3, *[1e4] * 3]
 
 
 def table(platform="ddr", rows=6, dt=0.05, seed=0):
@@ -52,10 +57,10 @@ def read(tmp_path):
 def check_same(log, rows):
     """The log holds the numbers of these rows bit for bit: Python's own parser is the judge."""
     expected = np.array([[float(v) for v in row] for row in rows[1:]])
-    n = log.x.shape[1]
+    platform = next(name for name, count in LOG_STATES.items() if count == log.x.shape[1])
     assert np.array_equal(log.t, expected[:, 0])
-    assert np.array_equal(log.x, expected[:, 1 : 1 + n])
-    assert np.array_equal(log.u, expected[:, 1 + n :])
+    assert np.array_equal(log.x, expected[:, STATES[platform]])
+    assert np.array_equal(log.u, expected[:, INPUTS[platform]])
 
 
 # ---- what is read ----------------------------------------------------------------------------------
@@ -137,11 +142,11 @@ def test_gap_in_time_is_not_usable_and_jitter_is(read):
     assert log.usable.tolist() == [True, True, False, True, True]
 
 
-@pytest.mark.parametrize("platform, sizes, dt", [("ddr", (3, 2), 0.05), ("fwmav", (10, 1), 0.01)])
+@pytest.mark.parametrize("platform, sizes, dt", [("ddr", (3, 2), 0.05), ("fwmav", (10, 1), 0.01), ("quadrotor", (15, 5), 0.01)])
 def test_round_trip_is_bit_exact(tmp_path, platform, sizes, dt):
     rng = np.random.default_rng(2)
     x, u = (rng.normal(0, 1, (3000, k)) * 10.0 ** rng.integers(-30, 3, (3000, k)) for k in sizes)
-    x[0, 0], x[1, 0], x[2, 0] = -0.0, 5e-324, LIMITS[platform][1]
+    x[0, 0], x[1, 0], x[2, 0] = -0.0, 5e-324, LIMITS[platform][STATES[platform].start]
     bridge.write_log(tmp_path / "a.csv", x, u, dt, platform)
     log = bridge.read_log(tmp_path / "a.csv", platform)
     assert log.x.tobytes() == x.tobytes() and log.u.tobytes() == u.tobytes()
@@ -163,12 +168,54 @@ def test_write_refuses_what_read_would_refuse(tmp_path):
             bridge.write_log(tmp_path / "a.csv", x, np.zeros((3, 2)), 0.05)
 
 
+# ---- a quadrotor's log, which may lack columns -----------------------------------------------------
+
+
+def test_columns_that_a_quadrotor_lacks_are_nan_and_its_rows_usable(read):
+    rows = table("quadrotor")
+    for lacks in ([name] for name in MAY_LACK):
+        kept = [i for i, name in enumerate(rows[0]) if name not in lacks]
+        log = read([[row[i] for i in kept] for row in rows], "quadrotor")
+        expected = np.array([[float(v) if name not in lacks else np.nan for name, v in zip(rows[0], row)] for row in rows[1:]])
+        assert np.array_equal(log.x, expected[:, STATES["quadrotor"]], equal_nan=True)
+        assert np.array_equal(log.u, expected[:, INPUTS["quadrotor"]], equal_nan=True)
+        assert log.usable.all()
+
+
+def test_a_quadrotors_log_without_any_state_is_refused(read):
+    rows = [row[:6] for row in table("quadrotor")]
+    with pytest.raises(UserError, match=r"log\.csv:1: no column of the state, such as 'px'"):
+        read(rows, "quadrotor")
+    assert np.isfinite(read([row[:7] for row in table("quadrotor")], "quadrotor").x[:, 0]).all()
+
+
+def test_what_a_quadrotors_log_lacks_is_not_written(tmp_path):
+    rng = np.random.default_rng(3)
+    x, u = rng.normal(size=(50, 15)), rng.normal(size=(50, 5))
+    x[:, [10, 12, 13, 14]], u[:, 4] = np.nan, np.nan
+    bridge.write_log(tmp_path / "a.csv", x, u, 0.01, "quadrotor")
+    assert (tmp_path / "a.csv").read_text().split("\n")[0] == "t,m1,m2,m3,m4,px,py,pz,vx,vy,vz,ax,ay,az,roll,yaw"
+    log = bridge.read_log(tmp_path / "a.csv", "quadrotor")
+    assert np.array_equal(log.x, x, equal_nan=True)
+    assert np.array_equal(log.u, u, equal_nan=True) and log.usable.all()
+    x[7, 0] = np.nan
+    with pytest.raises(UserError, match=r"a\.csv: row 7: column 'px'"):
+        bridge.write_log(tmp_path / "a.csv", x, u, 0.01, "quadrotor")
+
+
+def test_a_short_header_of_a_quadrotor_is_one(tmp_path):
+    (tmp_path / "log.csv").write_text("t,m1,m2,m3,m4,px,py,vx\n")
+    assert platforms.of_log(tmp_path / "log.csv") == "quadrotor"
+
+
 # ---- what is refused, and with what words ----------------------------------------------------------
 
 
 @pytest.mark.parametrize("platform", COLUMNS)
 def test_missing_column_is_named(read, platform):
     for i, name in enumerate(COLUMNS[platform].split(",")):
+        if platform == "quadrotor" and name in MAY_LACK:
+            continue
         without = [row[:i] + row[i + 1 :] for row in table(platform)]
         with pytest.raises(UserError, match=rf"log\.csv:1: .*'{name}'"):
             read(without, platform)
@@ -200,7 +247,7 @@ def test_number_that_no_robot_has_is_refused_with_file_line_column_and_remedy(re
             check_same(read(rows, platform), rows)
             for beyond in (repr(float(np.nextafter(value, 2 * value))), "-1e150", "1" + "0" * 200):
                 rows[-1][i] = beyond
-                mend = "mask the row by pose_ok 0$" if 0 < i <= LOG_STATES[platform] else "SI units$"
+                mend = "mask the row by pose_ok 0$" if i in range(*STATES[platform].indices(99)) else "SI units$"
                 with pytest.raises(UserError, match=rf"log\.csv:7: column '{name}' \({i + 1}\): .*beyond 1[0e].*{mend}") as refusal:
                     read(rows, platform)
                 assert len(str(refusal.value)) < 300
@@ -317,7 +364,7 @@ def test_long_path_does_not_crowd_out_the_reason(tmp_path):
 
 def test_unknown_platform_is_refused_by_the_reader_and_by_the_tools_alike(tmp_path):
     for refusal in (lambda: bridge.read_log(tmp_path / "a.csv", "submarine"), lambda: platforms.check("submarine")):
-        with pytest.raises(UserError, match=f"'submarine': use {' or '.join(COLUMNS)}$"):
+        with pytest.raises(UserError, match=f"'submarine': use {', '.join([*COLUMNS][:-1])} or {[*COLUMNS][-1]}$"):
             refusal()
 
 

@@ -35,6 +35,9 @@ SETTINGS = {
     ("microcontroller.md", "| build | do |"),
     ("microcontroller.md", "| stack | compiles with | read from | what the library does |"),
     ("microcontroller.md", "| observation | meaning | action |"),
+    ("quadrotor.md", "| column | unit | content |"),
+    ("quadrotor.md", "| parameter | Crazyflie 2.1 | source |"),
+    ("quadrotor.md", "| effect | parameters | acts on |"),
     ("own-robot.md", "| folder of `examples/own_robot/` | simulator | hidden deviation in its log |"),
     ("own-robot.md", "| key | content |"),
 }
@@ -44,6 +47,7 @@ RULES = (
     "at least 5 % of the log", "at least 2 % better", "within 15 % of the", "10 % of the gap", "(0.2 % of the", "10 % of its gap", "explains 90 % as much",
     "costs 50 % more at most", "first 20 %", "next 20 %", "below 5 % of its typical size", "decreases by 0.4 % per second",
     "(95 %)", "at most 2 % of its largest size", "at least 10 % of what past", "3 % of the gap is left",
+    "sags by 13 % at full thrust", "0.12 % per second at full thrust",
 )  # fmt: skip
 
 

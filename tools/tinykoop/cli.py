@@ -15,6 +15,7 @@ from .plumbing.results import printable
 
 INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoCo, .urdf, .xacro, .sdf, .py or .c"
 OWN, OWN_FILE = "FILE:NAME", "own.py:NAME or own.c:NAME"
+VEHICLES = "of a quadrotor: crazyflie (default), iris, racing, or your own TOML file (docs/quadrotor.md)"
 TABLES = (  # commands that write what they measured into the docs
     "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize",
@@ -64,6 +65,7 @@ def _your_log(add):
     fix.add_argument("--write", action="store_true", help="change the file; otherwise the change is printed as a diff")
     effects = add("effects", "list all effects with formula, parameters, units, bounds and typical size", out=False)
     effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=whose)
+    effects.add_argument("--vehicle", metavar="VEHICLE", help=VEHICLES)
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     play = add("replay", "run the eleven methods over a log, both precisions and forms")
     play.add_argument("log")
@@ -96,8 +98,10 @@ def _your_log(add):
     )  # fmt: skip
     convert.add_argument("--damaged", action="store_true", help="read what is intact of a truncated file")
 
-    flight = add("fly", "simulate a flight of the flapping-wing vehicle and write its log", out=False)
-    flight.add_argument("manoeuvre", choices=("hover", "pitch", "yaw"))
+    flight = add("fly", "simulate a flight of the flapping-wing vehicle or a quadrotor and write its log", out=False)
+    flight.add_argument("manoeuvre", help="fwmav: hover, pitch, yaw; quadrotor: hover, legs, mixed")
+    flight.add_argument("--platform", choices=("fwmav", "quadrotor"), default="fwmav", help="what flies (default: fwmav)")
+    flight.add_argument("--vehicle", metavar="VEHICLE", help=VEHICLES)
     flight.add_argument("log", type=Path, help="file to write, .csv")
     flight.add_argument("--seconds", type=float, default=40.0, help="of the flight")
     flight.add_argument("--seed", type=int, default=1, help="of noise and turbulence")
@@ -161,7 +165,7 @@ def _firmware(add):
 
 def _assurance(add):
     blind = add("blind", "blind evaluation of the diagnoser on simulated logs with sealed labels")
-    blind.add_argument("--platform", choices=PLATFORMS, default="ddr", help="whose diagnoser")
+    blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr", help="whose diagnoser")
     blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: inject known effects into this real flight instead")
     blind.add_argument("--n", type=int, default=20, help="logs of each tier; of the drive's, a single one has at most 900 rows")
@@ -267,7 +271,7 @@ def dispatch(a):
     elif a.command == "fly":
         from .logs import fly
 
-        fly.run(a.manoeuvre, a.seconds, a.seed, a.effect, a.log)
+        fly.run(a.manoeuvre, a.seconds, a.seed, a.effect, a.log, a.platform, a.vehicle)
     elif a.command == "replay":
         from .logs import replay
 
@@ -332,7 +336,7 @@ def dispatch(a):
     elif a.command == "effects":
         from .diagnose.robots import effects
 
-        effects.run(a.robot, a.log)
+        effects.run(a.robot, a.log, a.vehicle)
     elif a.command == "constants":
         from .blind import constants
 

@@ -5,13 +5,26 @@ from .ddr import ARC, EULER, LONG, MIDPOINT, SEMI_IMPLICIT, WARM_UP, Rollouts, S
 from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES, TRUST, Estimator, lowpass, threshold
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_columns, read_log, write_log
+from .quadrotor import (
+    QUADROTOR_SENSED,
+    QUADROTOR_STATE,
+    hover_request,
+    quadrotor,
+    quadrotor_effects,
+    quadrotor_hover,
+    quadrotor_parameters,
+    quadrotor_roll,
+    quadrotor_vehicle,
+    vehicle_names,
+)
 from .regulators import Setting, dead_zones, regulator_names, regulators
 from .sizes import storage
 from .unmodelled import Effect, effects, families, formulas, usual_effect
 
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
-    "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
-    "Supervisor", "Log", "Mpc", "Rollouts", "Setting", "Solution", "Steps", "dead_zones", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "lowpass",
-    "read_columns", "read_log", "regulator_names", "regulators", "simulate", "storage", "threshold", "usual_effect", "windows", "write_log",
+    "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "QUADROTOR_SENSED", "QUADROTOR_STATE", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
+    "Supervisor", "Log", "Mpc", "Rollouts", "Setting", "Solution", "Steps", "dead_zones", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "hover_request", "lowpass",
+    "quadrotor", "quadrotor_effects", "quadrotor_hover", "quadrotor_parameters", "quadrotor_roll", "quadrotor_vehicle",
+    "read_columns", "read_log", "regulator_names", "regulators", "simulate", "storage", "threshold", "usual_effect", "vehicle_names", "windows", "write_log",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from .logs import Log
 from .unmodelled import active_effects
 
 
-class _Flight(ct.Structure):
+class Flight(ct.Structure):
     _fields_ = [("manoeuvre", ct.c_char_p), ("seed", ct.c_uint64), ("noise", ct.c_double)]
 
 
@@ -43,7 +43,7 @@ def fwmav(manoeuvre, seconds, seed, active=(), noise=1.0):
     x, u, states = np.empty((rows, 10)), np.empty((rows, 1)), np.empty((rows, _FWMAV_STATES))
     call(
         "tk_fwmav_fly", active_effects(active), ct.c_size_t(len(active)),
-        ct.byref(_Flight(manoeuvre.encode(), seed, noise)), ct.c_size_t(rows), doubles(x), doubles(u), doubles(states),
+        ct.byref(Flight(manoeuvre.encode(), seed, noise)), ct.c_size_t(rows), doubles(x), doubles(u), doubles(states),
     )  # fmt: skip
     dt = 1 / _FWMAV_HZ
     return Log(np.arange(rows) * dt, x, u, np.ones(rows - 1, bool), dt), states

@@ -28,7 +28,9 @@ class Log:
 
 
 def read_log(path, platform="ddr"):
-    """Reads a CSV log (docs/logs.md) of a platform, ddr or fwmav; returns a Log.
+    """Reads a CSV log (docs/logs.md) of a platform, ddr, fwmav or quadrotor; returns a Log.
+
+    Columns that a quadrotor's log lacks are NaN in x and u.
 
     Raises UserError with file, line and column if the file is bad.
     """

@@ -263,7 +263,7 @@ def run(paths, out, platform=None, dictionary=None, effects=None):
     effects: texts as NAME=V,V, with which the DDR of the short list is then simulated in closed loop; None: no closed loop.
     """
     out = output_folder(out)
-    active = None if effects is None else [fly.effect(text, "ddr", "--closed-loop") for text in effects]
+    active = None if effects is None else [fly.effect(text, bridge.effects("ddr"), "--closed-loop") for text in effects]
     trials = [Trial(path, platform) for path in paths]
     if len({trial.platform for trial in trials}) > 1:
         raise UserError("the logs are of different platforms: choose for one platform at a time")

@@ -39,6 +39,8 @@ def unwrapped(log, platform):
 def load(path, platform=None):
     """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
     platform = platform or platforms.of_log(path)
+    if platform not in LAMBDA:
+        raise UserError(f"{path}: a log of a {platform}, of which models are not learned yet; give one of {' or '.join(LAMBDA)}")
     log = unwrapped(bridge.read_log(path, platform), platform)
     if log.usable.sum() < MIN_USABLE:
         raise UserError(f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok")

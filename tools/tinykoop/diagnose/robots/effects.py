@@ -3,6 +3,7 @@
 import numpy as np
 
 from ... import bridge
+from ...plumbing.errors import UserError
 from ...plumbing.results import number, print_table, print_terms
 from ..platforms.own.path import Path
 from ..robot import RobotLog
@@ -16,10 +17,11 @@ def _bound(value):
     return number(float(value)) if abs(value) < library.WHOLE else "any"
 
 
-def _of_c(platform):
+def _of_c(platform, vehicle):
     """Rows of a robot that comes with TinyKoop: [(name, block, parameters, formula)]."""
     formulas = bridge.formulas(platform)
-    return [(name, block, [tuple(p) for p in rows], formulas[name]) for name, (block, rows) in bridge.effects(platform).items()]
+    table = bridge.quadrotor_effects(vehicle) if vehicle else bridge.effects(platform)
+    return [(name, block, [tuple(p) for p in rows], formulas[name]) for name, (block, rows) in table.items()]
 
 
 def _forms(platform):
@@ -41,12 +43,14 @@ def _of_own(robot, log):
     return [(e.name, e.block, [(p.name, p.unit, p.low, p.high, p.usual) for p in e.parameters], e.formula) for e in found.values()]
 
 
-def run(robot, log_file=None):
-    """Prints the table."""
+def run(robot, log_file=None, vehicle=None):
+    """Prints the table. vehicle: the quadrotor whose bounds and sizes are asked for."""
     own = is_own(robot)
+    if vehicle and robot != "quadrotor":
+        raise UserError("--vehicle: only for quadrotors; add --robot quadrotor")
     found = toml.read(robot) if own else None
     rows, formulas, note = [], {}, ""
-    for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot):
+    for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot, vehicle):
         formulas[name] = formula
         for i, (parameter, unit, low, high, usual) in enumerate(parameters):
             first = (name, block) if i == 0 else ("", "")

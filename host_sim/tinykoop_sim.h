@@ -163,6 +163,37 @@ TK_API int tk_quadrotor_fly(const tk_active *effects, size_t n_effects, const do
 TK_API int tk_quadrotor_roll(const tk_active *effects, size_t n_effects, const double *vehicle, double dt,
                              size_t steps, const double *state, const double *commands, double *states);
 
+/* A flight of a quadrotor as tk_log_get() gives it, NaN where the log has no number, and how to follow it. */
+typedef struct tk_quadrotor_flown {
+	size_t rows;
+	double dt;             /* s */
+	const double *x, *u;   /* rows of TK_QUADROTOR_SENSED and TK_QUADROTOR_COMMANDS */
+	const int32_t *usable; /* rows - 1, or null: all transitions */
+	const double *vehicle; /* or null */
+	const double *gain;    /* TK_QUADROTOR_CORRECTED x TK_QUADROTOR_SENSED */
+	const double *push;    /* rows of 6, or null: what else accelerates the body, m/s^2 and rad/s^2, body axes */
+} tk_quadrotor_flown;
+
+/* Predictions from each row starts[i], in rising order, each of the rising `steps` later: n_starts x n_steps x
+ * TK_QUADROTOR_SENSED. */
+typedef struct tk_ahead {
+	size_t n_starts, n_steps;
+	const int64_t *starts, *steps;
+	double *predicted;
+} tk_ahead;
+
+/* What is corrected: position (m), velocity (m/s), both in axes that turn with the heading, tilt (rad, about body axes),
+ * angular velocity (rad/s), shares of full thrust (4), accelerations by the turbulent air (m/s^2, rad/s^2). */
+enum { TK_QUADROTOR_CORRECTED = 22 };
+
+/* An observer follows a flight, far from the ground, with these effects: each row is predicted (rows of
+ * TK_QUADROTOR_SENSED), then the state corrected by gain times what was missed; what the log lacks is predicted, too,
+ * and corrects nothing. NaN in the first row and after an unusable transition, where the observer begins again with
+ * what the row has. states: as corrected, rows of TK_QUADROTOR_STATES, or null. ahead, or null: it also runs on by
+ * itself, NaN where an unusable transition or the end of the log lies between. */
+TK_API int tk_quadrotor_follow(const tk_active *effects, size_t n_effects, const tk_quadrotor_flown *log,
+                               double *predicted, double *states, const tk_ahead *ahead);
+
 /* The noise of a log, as the filter of tk_whiten() takes it. Sensor noise is white with a variance of its own
  * in each row, beside a coloured part, AR(1); so is random motion. */
 typedef struct tk_noise {

@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT
 from scipy.spatial.transform import Rotation
 from tinykoop import bridge, cli, platforms
+from tinykoop.convert import usd
 from tinykoop.plumbing.errors import UserError
 
 S = bridge.QUADROTOR_STATE
@@ -517,3 +518,24 @@ def test_bad_command_gets_one_line(tmp_path, monkeypatch, capsys, arguments, mes
 def test_help_names_the_vehicles_that_there_are():
     assert all(name in cli.VEHICLES for name in bridge.vehicle_names())
     assert bridge.vehicle_names() == VEHICLES
+
+
+# ---- beside real ones ------------------------------------------------------------------------------------
+
+
+def test_statistics_are_of_the_size_of_the_labelled_flights():
+    """Of a healthy Crazyflie, flown the same way: requests, battery, place, velocity, attitude within a factor of two."""
+    file = ROOT.parent / "shared/data/crazyflie/flights/d021.usd"
+    if not file.is_file():
+        pytest.skip("the labelled flights are not there (../shared/data/crazyflie)")
+    samples = {name: values for name, (_, values) in usd.open_log(file, False).samples.items()}
+    real = np.column_stack(
+        [np.mean([samples[f"motor.m{i}"] for i in (1, 2, 3, 4)], axis=0) / 65535, samples["pm.vbatMV"] / 1000]
+        + [samples[f"stateEstimate.{name}"] * by for name, by in (("z", 1), ("vx", 1), ("vy", 1), ("ay", 9.81), ("roll", np.pi / 180))]
+    )
+    log, _ = bridge.quadrotor("legs", 26, 1)
+    ours = np.column_stack([log.u[:, :4].mean(axis=1), log.u[:, 4], log.x[:, [2, 3, 4, 7, 9]]])
+    real, ours = (rows[(rows[:, 2] > 0.4) & (np.abs(rows[:, 3]) > 0.15)] for rows in (real, ours))
+    assert np.allclose(ours[:, :3].mean(axis=0) / real[:, :3].mean(axis=0), 1, atol=0.06)
+    ratio = np.std(ours[:, 3:], axis=0) / np.std(real[:, 3:], axis=0)
+    assert np.all(np.abs(np.log2(ratio)) < 1), ratio

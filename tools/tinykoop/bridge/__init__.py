@@ -6,11 +6,13 @@ from .estimator import CHECK_DIAGONAL, CHECK_REFUSE, CHECK_REPORT, FLAGS, TRACES
 from .flapping_wing import FWMAV_SENSED, FWMAV_STATE, fwmav, fwmav_follow, fwmav_hover, fwmav_roll
 from .logs import Log, read_columns, read_log, write_log
 from .quadrotor import (
+    QUADROTOR_CORRECTED,
     QUADROTOR_SENSED,
     QUADROTOR_STATE,
     hover_request,
     quadrotor,
     quadrotor_effects,
+    quadrotor_follow,
     quadrotor_hover,
     quadrotor_parameters,
     quadrotor_roll,
@@ -23,8 +25,8 @@ from .unmodelled import Effect, effects, families, formulas, usual_effect
 
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
-    "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "QUADROTOR_SENSED", "QUADROTOR_STATE", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
+    "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "QUADROTOR_CORRECTED", "QUADROTOR_SENSED", "QUADROTOR_STATE", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
     "Supervisor", "Log", "Mpc", "Rollouts", "Setting", "Solution", "Steps", "dead_zones", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "hover_request", "lowpass",
-    "quadrotor", "quadrotor_effects", "quadrotor_hover", "quadrotor_parameters", "quadrotor_roll", "quadrotor_vehicle",
+    "quadrotor", "quadrotor_effects", "quadrotor_follow", "quadrotor_hover", "quadrotor_parameters", "quadrotor_roll", "quadrotor_vehicle",
     "read_columns", "read_log", "regulator_names", "regulators", "simulate", "storage", "threshold", "usual_effect", "vehicle_names", "windows", "write_log",
 ]  # fmt: skip

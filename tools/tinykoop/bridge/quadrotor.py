@@ -9,7 +9,7 @@ import numpy as np
 
 from ..plumbing.errors import UserError
 from .flapping_wing import Flight
-from .library import call, doubles, raw, reals
+from .library import DOUBLES, INTS, call, doubles, ints, raw, reals
 from .logs import Log
 from .unmodelled import active_effects, effects
 
@@ -23,7 +23,7 @@ QUADROTOR_STATE = {
     "swing": slice(17, 19),  # horizontal part of the unit vector along the string of a slung load, world
     "swinging": slice(19, 21),  # its rate
 }
-QUADROTOR_SENSED = 15
+QUADROTOR_SENSED, QUADROTOR_CORRECTED = 15, 22
 _STATES, _COMMANDS, _HZ = 21, 5, 100
 _FOLDER = Path(__file__).resolve().parents[1] / "vehicles"
 
@@ -140,3 +140,51 @@ def quadrotor_roll(state, commands, dt, active=(), vehicle="crazyflie"):
         ct.c_double(dt), ct.c_size_t(len(commands)), doubles(state), doubles(commands), doubles(states),
     )  # fmt: skip
     return states
+
+
+class _Flown(ct.Structure):
+    _fields_ = [
+        ("rows", ct.c_size_t),
+        ("dt", ct.c_double),
+        ("x", DOUBLES),
+        ("u", DOUBLES),
+        ("usable", INTS),
+        ("vehicle", DOUBLES),
+        ("gain", DOUBLES),
+        ("push", DOUBLES),
+    ]
+
+
+_LONGS = ct.POINTER(ct.c_int64)
+
+
+class _Ahead(ct.Structure):
+    _fields_ = [("n_starts", ct.c_size_t), ("n_steps", ct.c_size_t), ("starts", _LONGS), ("steps", _LONGS), ("predicted", DOUBLES)]
+
+
+def quadrotor_follow(log, gain, active=(), vehicle="crazyflie", starts=(), steps=(), push=None, states=False):
+    """An observer of a quadrotor along a log, far from the ground: predicted (K, 15), ahead (S, H, 15) or None.
+
+    Predicted are the columns of log.x in the next row, those that the log lacks (NaN), too; gain (22, 15) takes what was missed
+    to corrections of position, velocity (both in axes that turn with the heading), tilt, angular velocity, rotors and the
+    accelerations by the air. ahead: predictions `steps` rows after `starts` (both rising) without correction. push (K, 6): further
+    accelerations (m/s^2, rad/s^2, body axes). states: also returns the true states (K, 21) as estimated. NaN where there is
+    nothing to predict from.
+    """
+    x, u, gain = reals(log.x, QUADROTOR_SENSED), reals(log.u, _COMMANDS), reals(gain, QUADROTOR_SENSED)
+    if gain.shape[0] != QUADROTOR_CORRECTED:
+        raise ValueError(f"expected a gain of {QUADROTOR_CORRECTED} rows, got shape {gain.shape}")
+    push = None if push is None else reals(push, 6)
+    usable, chosen = np.ascontiguousarray(log.usable, np.int32), parameters_of(vehicle)
+    starts, steps = np.ascontiguousarray(starts, np.int64), np.ascontiguousarray(steps, np.int64)
+    predicted = np.empty((len(x), QUADROTOR_SENSED))
+    estimated = np.empty((len(x), _STATES)) if states else None
+    ahead = np.empty((len(starts), len(steps), QUADROTOR_SENSED)) if len(starts) else None
+    flown = _Flown(len(x), log.dt, doubles(x), doubles(u), ints(usable), doubles(chosen), doubles(gain), doubles(push))
+    address = lambda a: a.ctypes.data_as(_LONGS)  # noqa: E731
+    on = ahead is not None and _Ahead(len(starts), len(steps), address(starts), address(steps), doubles(ahead))
+    call(
+        "tk_quadrotor_follow", active_effects(active), ct.c_size_t(len(active)), ct.byref(flown), doubles(predicted),
+        doubles(estimated), ct.byref(on) if on else None,
+    )  # fmt: skip
+    return (predicted, ahead, estimated) if states else (predicted, ahead)

@@ -119,7 +119,7 @@ def usd_event(t, columns, event=0xFFFF, name="fixedFrequency", kind="f"):
 ULOG_TYPES = {"uint64_t": "Q", "float": "f", "uint8_t": "B", "bool": "?"}
 
 
-def write_ulog(path, topics):
+def write_ulog(path, topics, parameters=None):
     """topics: [(name, instance, {"float[3] gyro_rad": rows, ..})], by the ULog specification; times in us first."""
 
     def message(kind, body):
@@ -129,6 +129,9 @@ def write_ulog(path, topics):
     formats = {name: "".join(f"{field};" for field in fields) for name, _, fields in topics}
     for name, text in formats.items():
         out += message("F", f"{name}:{text}".encode())
+    for name, value in (parameters or {}).items():
+        key = f"{'int32_t' if isinstance(value, int) else 'float'} {name}".encode()
+        out += message("P", bytes([len(key)]) + key + struct.pack("<i" if isinstance(value, int) else "<f", value))
     records = []
     for number, (name, instance, fields) in enumerate(topics):
         out += message("A", struct.pack("<BH", instance, number) + name.encode())
@@ -892,9 +895,10 @@ def test_source_is_never_written_over(tmp_path):
 def test_docs_name_the_usual_fields():
     """docs/convert.md has every usual source, and no other."""
     text = (ROOT / "docs/convert.md").read_text()
-    for table in (variables.USUAL, ulog.USUAL, ardupilot.USUAL, betaflight.USUAL):
+    quadrotors = variables.QUADROTOR, ulog.QUADROTOR, ardupilot.QUADROTOR
+    for table in (variables.USUAL, ulog.USUAL, ardupilot.USUAL, betaflight.USUAL, *quadrotors):
         for name in {name for names in table.values() for name in names}:
             assert f"`{name}`" in text or f"`{name.split('[')[0]}`" in text, name
-    assert all(f"`{form}`" in text for form in FORMATS) and all(f"`{unit}`" in text for unit in units.UNITS if unit not in ("mV", "%"))
+    assert all(f"`{form}`" in text for form in FORMATS) and all(f"`{unit}`" in text for unit in units.UNITS)
     for kind in {name.partition(".")[0] for names in ros2.USUAL.values() for name in names}:
         assert f"`{kind}`" in text, kind

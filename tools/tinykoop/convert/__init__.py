@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..formats import FORMATS
-from ..platforms import COLUMNS, COMMANDS
+from ..platforms import COLUMNS, COMMANDS, REQUIRED
 from ..plumbing.errors import UserError
 from ..plumbing.results import console, number, print_table, printable, write_bytes
 from .choose import choose
@@ -50,12 +50,14 @@ def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
     if rate is not None and not 0 < rate <= 1e5:
         raise UserError(f"--rate {rate:g}: rows per second must be above 0, at most 100000")
     module = import_module(f".{form or detect(source)}", __package__)
+    optional = [column for column in COLUMNS[platform] if column not in REQUIRED[platform]]
     with np.errstate(invalid="ignore", over="ignore"):  # damaged bytes make numbers of every kind
         log = module.open_log(source, damaged)
-        chosen = log.clocked(choose(log, (*log.timed, *COLUMNS[platform]), maps))
-        table = resample(log, chosen, rate)
-    write_table(out, table, COLUMNS[platform])
-    report(source, table, chosen)
+        log.usual = log.usual | (log.quadrotor() if platform == "quadrotor" else {})
+        chosen = log.clocked(choose(log, (*log.timed, *COLUMNS[platform]), maps, optional))
+        table = resample(log, chosen, rate, optional)
+    write_table(out, table, [column for column in COLUMNS[platform] if column in table.columns])
+    report(source, table, chosen, [column for column in optional if column not in table.columns])
 
 
 def write_table(out, table, columns):
@@ -68,14 +70,17 @@ def write_table(out, table, columns):
     write_bytes(out, ("\n".join(lines) + "\n").encode())
 
 
-def report(source, table, chosen):
+def report(source, table, chosen, absent):
     """Which field made which column, and what was lost."""
     lines = []
     for column, field in chosen.items():
+        if column in absent:
+            continue
         where = f"{field.label}{'' if field.factor == 1 else f' * {field.factor:g}'}" if field else "gyro and attitude"
         rate = number(table.rates[column]) if field else ""
         lines.append([column, where, "held" if column in COMMANDS else "interpolated" if field else "computed", rate])
     print_table(printable(source.name), ["column", "from", "between samples", "its rate (Hz)"], lines)
     count, parts, masked = len(table.t), int(table.seg[-1]) + 1, int((~table.pose_ok).sum())
     text = f"{count:,} rows at {table.rate:.6g} Hz, {table.t[-1]:.1f} s; segments: {parts}; rows with pose_ok 0: {masked:,}."
-    console.print("\n".join([text, *table.notes]), highlight=False)
+    lacking = [f"The log lacks {', '.join(absent)}."] if absent else []
+    console.print("\n".join([text, *lacking, *table.notes]), highlight=False)

@@ -8,13 +8,16 @@ import io
 import math
 import os
 import re
+from functools import cached_property
 
 import numpy as np
 
 from ..plumbing.asked import package
 from ..plumbing.errors import UserError
+from . import motors
 from .choose import listed
 from .log import Log, Series
+from .motors import MOTORS
 
 MAGIC = b"\xa3\x95"
 HEADER = 3  # bytes before the fields of a message
@@ -32,6 +35,18 @@ USUAL = {
     **{name: (f"ATT.{name.capitalize()}",) for name in ("pitch", "roll", "yaw")},
     "u": ("RATE.POut",),
 }
+QUADROTOR = {
+    "pz": ("XKF1.PD", "NKF1.PD", "POS.RelHomeAlt"),
+    **{f"v{axis}": (f"XKF1.V{end}", f"NKF1.V{end}") for axis, end in zip("xyz", "NED")},
+    **dict.fromkeys(("ax", "ay", "az"), ()),  # the filter does not log them
+    **{motor: (f"RCOU.C{k}",) for motor, k in zip(MOTORS, motors.X)},
+    "vbat": ("BAT.Volt", "CURR.Volt"),
+}
+# Motors that are M1 .. M4, by FRAME_TYPE: X, V and H; Betaflight's X; DJI's; clockwise.
+ORDERS = {**dict.fromkeys((1, 2, 3), motors.X), **dict.fromkeys((12, 18), (2, 1, 3, 4)), 13: (1, 4, 3, 2), 14: (1, 2, 3, 4)}
+QUAD = 1  # FRAME_CLASS
+MOTOR_1 = 33  # in SERVO1_FUNCTION ..
+COMPENSATED = ("MOT_BAT_V_MAX", "MOT_BAT_VOLT_MAX")  # above 0 if the firmware makes up for the voltage; the second is the older name
 UNITS = (
     (r"(ATT|AHR2|[XN]KF1)\.(Des)?Roll", DEG),
     (r"(ATT|AHR2|[XN]KF1)\.(Des)?(Pitch|Yaw)", -DEG),
@@ -116,16 +131,68 @@ class Dataflash(Log):
             tables = {topic: self.table(*self.where[topic]) for topic in topics}
             return {name: series(*name.split("."), tables[name.partition(".")[0]]) for name in names}
 
+    @cached_property
+    def parameters(self):
+        """{name: value}, as last set."""
+        with readable(self.path):
+            rows = self.rows(self.where["PARM"][0]) if "PARM" in self.where else {"Name": [], "Value": []}
+            return {name.decode("ascii", "replace"): float(value) for name, value in zip(rows["Name"], rows["Value"])}
+
+    def quadrotor(self):
+        """With the motors where the parameters say that they are."""
+        given = self.parameters.get
+        order = ORDERS.get(given("FRAME_TYPE", 1)) if given("FRAME_CLASS", QUAD) == QUAD else None
+        if not order:
+            self.mend = "the frame (FRAME_CLASS, FRAME_TYPE) is no quadrotor in X, of which the order of the motors is known"
+            return QUADROTOR | dict.fromkeys(MOTORS, ())
+        if "MOTB" not in self.where and any(given(name, 0) > 0 for name in COMPENSATED):
+            self.notes.append(
+                "The motors include the compensation of the battery voltage: log MOTB (LOG_BITMASK) so that it can be undone."
+            )
+        functions = {given(f"SERVO{channel}_FUNCTION"): channel for channel in range(16, 0, -1)}
+        return QUADROTOR | {motor: (f"RCOU.C{functions.get(MOTOR_1 + k - 1, k)}",) for motor, k in zip(MOTORS, order)}
+
+    def thrust(self, name, series):
+        """Undoes what the firmware makes of it: compensation of the voltage, thrust curve, range of the motors and of the pulses."""
+        if not re.fullmatch(r"RCOU\.C\d+", name):
+            return series.x
+        given = self.parameters.get
+        actuator = motors.share(series.x, *self.limits(name))
+        speed = motors.share(actuator, given("MOT_SPIN_MIN", 0), given("MOT_SPIN_MAX", 1))
+        voltage, expo = self.voltage(series.t), np.clip(given("MOT_THST_EXPO", 0), -1, 1)
+        return np.clip(motors.curve(speed * voltage, expo) / motors.curve(voltage, expo), 0, 1)
+
+    def limits(self, name):
+        """Pulse widths of no and of full output."""
+        given = self.parameters.get
+        low, high = (given(f"MOT_PWM_{end}", 0) or given(f"RC3_{end}", 0) for end in ("MIN", "MAX"))
+        if not 0 < low < high:
+            raise UserError(f"{self.path}: {name} cannot be scaled, for MOT_PWM_MIN and MOT_PWM_MAX are not in the log; log the parameters")
+        return low, high
+
+    def voltage(self, t):
+        """Of the battery's highest voltage, as the firmware compensated it; 1 where it did not."""
+        if "MOTB" not in self.where:
+            return np.ones(len(t))
+        with readable(self.path):
+            table = self.table(*self.where["MOTB"])
+        known = table["BatVolt"] > 0
+        return np.interp(t, table["TimeUS"][known] * 1e-6, table["BatVolt"][known]) if known.any() else np.ones(len(t))
+
     def table(self, fmt, instance):
-        """{field: values} of a topic; pymavlink's own messages, one by one, take ten times as long."""
+        """{field: values} of a topic."""
+        rows = self.rows(fmt)
+        rows = rows[rows[fmt.instance_field] == instance] if fmt.instance_field else rows
+        return {name: rows[name] * (times or 1) for name, times in zip(fmt.columns, fmt.msg_mults) if rows[name].dtype.kind != "S"}
+
+    def rows(self, fmt):
+        """Messages of a kind; pymavlink's own, one by one, take ten times as long."""
         letters = [self.structs[kind][0] for kind in fmt.format]
         fields = [(name, f"S{s[:-1]}" if s.endswith("s") else f"<{s}") for name, s in zip(fmt.columns, letters)]
         dtype, at = np.dtype(fields), np.array(self.reader.offsets[fmt.type]) + HEADER
         at = at[at + dtype.itemsize <= len(self.data)]
         raw = np.frombuffer(self.data, np.uint8)[at[:, None] + np.arange(dtype.itemsize)]
-        rows = np.ascontiguousarray(raw).view(dtype)[:, 0]
-        rows = rows[rows[fmt.instance_field] == instance] if fmt.instance_field else rows
-        return {name: rows[name] * (times or 1) for name, times in zip(fmt.columns, fmt.msg_mults) if rows[name].dtype.kind != "S"}
+        return np.ascontiguousarray(raw).view(dtype)[:, 0]
 
 
 def series(topic, field, table):

@@ -25,13 +25,18 @@ def listed(names):
     return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "") or "nothing"
 
 
-def choose(log, columns, maps=()):
-    """{column: Field}; yaw_rate, where nothing is said, None: it follows from gyro and attitude."""
+def choose(log, columns, maps=(), optional=()):
+    """{column: Field}, without the optional ones that the file lacks; yaw_rate, where nothing is said, None: it follows from
+    gyro and attitude.
+    """
     chosen = dict.fromkeys(columns) | said(log, columns, maps)
     missing, several = {}, {}
     for column in (c for c in columns if chosen[c] is None):
         found = usual(log, column)
         if not found and column == "yaw_rate":
+            continue
+        if not found and column in optional:
+            del chosen[column]
             continue
         if not found:
             missing.setdefault(tuple(dict.fromkeys(map(log.words, log.usual.get(column, ())))), []).append(column)

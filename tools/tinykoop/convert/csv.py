@@ -32,6 +32,9 @@ class OwnLog(FlatLog):
         self.damaged, self.clock = damaged, None
         self.usual = {name: (name,) for name in self.names()}
 
+    def quadrotor(self):
+        return {}
+
     def clocked(self, chosen):
         self.clock = chosen.pop("t")
         return chosen

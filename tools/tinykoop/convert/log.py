@@ -27,6 +27,11 @@ class Log:
         self.path = path
         self.topics = {}  # topic: its fields
         self.usual = {}  # column: candidates, the best first
+        self.notes = []  # what the user should know of the columns
+
+    def quadrotor(self):
+        """What a quadrotor has from other sources, as in `usual`: its accelerations are not those of an accelerometer."""
+        return dict.fromkeys(("ax", "ay", "az"), ())
 
     def split(self, name):
         """(topic, field) of what the user names, without a field where it is a topic; None where there is no such topic."""
@@ -57,6 +62,10 @@ class Log:
     def read(self, names, commands):
         """{TOPIC.FIELD: Series}; `commands` are those that count from when they were given, not measured."""
         raise NotImplementedError
+
+    def thrust(self, name, series):
+        """The thrust asked for, of full thrust, in a field that is the command of a motor; other fields as they are."""
+        return series.x
 
 
 class FlatLog(Log):

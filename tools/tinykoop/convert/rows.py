@@ -8,12 +8,18 @@ from ..platforms import COMMANDS
 from ..plumbing.errors import UserError
 from .choose import ANGLES
 from .log import Series
+from .motors import MOTORS
 
 FEW = 3.5  # a state that is silent for more than this many of its periods leaves a gap
 BACK = 1.0  # s: samples out of order by up to this are put in order; more is a clock that was set back
 SILENT = 1.0, 10  # s, periods: a command held for longer than both is worth a word
 MOST_ROWS = 100  # rows for each sample of the slowest state; more are a wrong time stamp, or a wrong --rate
 SAME = 1e-6  # of a step: times nearer than this are one
+BEYOND = 0.01  # of full thrust: a request outside 0 to 1 by more than this is in another unit
+
+
+class Untrusted(UserError):
+    """A field without samples that can be used."""
 
 
 @dataclass
@@ -29,19 +35,20 @@ class Table:
     notes: list
 
 
-def resample(log, chosen, rate=None):
-    """Table of the chosen fields of a log."""
+def resample(log, chosen, rate=None, optional=()):
+    """Table of the chosen fields of a log; optional columns without usable samples are left out."""
     given = {name for column in COMMANDS if chosen.get(column) for name in chosen[column].names}
     raw = log.read({name for source in chosen.values() if source for name in source.names}, given)
-    series = {c: tidy(log, c, source, raw) for c, source in chosen.items() if source}
+    series, notes = usable(log, chosen, raw, optional)
     states = {c: s for c, s in series.items() if c not in COMMANDS}
+    if not states:
+        raise UserError(f"{log.path}: has commands only; log at least one of {', '.join(c for c in optional if c not in COMMANDS)}")
     periods = {c: float(np.median(np.diff(s.t))) if len(s.t) > 1 else np.inf for c, s in series.items()}
     t, step = grid(log, series, states, periods, rate)
     found = {c: holes(s, t, step, periods[c]) for c, s in states.items()}
     columns = {c: interpolate(s, t, c in ANGLES) for c, s in states.items()}
     keep = ~np.any([hole.inside for hole in found.values()], axis=0)
     gaps = np.concatenate([hole.gaps for hole in found.values()])
-    notes = []
     for column in (c for c in series if c not in states):
         times = series[column].t
         index = np.searchsorted(times, t + SAME * step, side="right") - 1
@@ -71,6 +78,19 @@ def resample(log, chosen, rate=None):
 # ---- samples -----------------------------------------------------------------------------------------
 
 
+def usable(log, chosen, raw, optional):
+    """({column: Series}, notes)."""
+    series, notes = {}, list(log.notes)
+    for column, source in ((c, source) for c, source in chosen.items() if source):
+        try:
+            series[column] = tidy(log, column, source, raw)
+        except Untrusted:
+            if column not in optional:
+                raise
+            notes.append(f"{column} is left out: {source.label} has no samples to be trusted.")
+    return series, notes
+
+
 def tidy(log, column, source, raw):
     """One Series of a column: quaternion to angle, in order of time, one sample for each time."""
     parts, command = [raw[name] for name in source.names], column in COMMANDS
@@ -78,6 +98,7 @@ def tidy(log, column, source, raw):
     if not all(np.array_equal(part.t, first.t, equal_nan=True) for part in parts):
         raise UserError(f"{log.path}: the four parts of {source.label} were not logged together; log them in one block")
     x = angle(column, *(part.x for part in parts)) if len(parts) == 4 else first.x
+    x = source.factor * (log.thrust(source.names[0], first) if column in MOTORS else x)
     good = np.isfinite(x) & np.isfinite(first.t)
     trusted = good if first.trusted is None else good & first.trusted
     # A command that is no number says nothing; of a state it says that there was one, not to be trusted.
@@ -92,11 +113,16 @@ def tidy(log, column, source, raw):
     at = at[np.argsort(first.t[at], kind="stable")]
     at = at[np.append(np.diff(first.t[at]) > 0, True)[: len(at)]]  # of equal stamps the last counts
     if len(at) < (1 if command else 2) or not (command or trusted[at].any()):
-        raise UserError(
+        raise Untrusted(
             f"{log.path}: {source.label} for {column} has {int(trusted[at].sum())} samples to be trusted; "
             f"log it, or choose another with --map {column}={log.place}"
         )
-    return Series(first.t[at], x[at] * source.factor, trusted[at], None if first.epoch is None else first.epoch[at])
+    if column in MOTORS and not (-BEYOND <= x[at].min() and x[at].max() <= 1 + BEYOND):
+        raise UserError(
+            f"{log.path}: {source.label} for {column} is from {x[at].min():.6g} to {x[at].max():.6g}, but a thrust is from 0 to 1; "
+            f"scale it with --map {column}={source.label}*FACTOR"
+        )
+    return Series(first.t[at], x[at], trusted[at], None if first.epoch is None else first.epoch[at])
 
 
 def angle(column, w, x, y, z):

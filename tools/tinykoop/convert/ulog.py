@@ -11,8 +11,10 @@ from rich.markup import escape
 
 from ..plumbing.errors import UserError
 from ..plumbing.results import console
+from . import motors
 from .choose import listed
 from .log import Log, Series
+from .motors import MOTORS
 
 MAGIC = b"ULog\x01\x12\x35"
 HEADER = 16
@@ -36,6 +38,17 @@ USUAL = {
         "actuator_motors.control[0]",
     ),
 }  # fmt: skip
+_POSITION = "vehicle_local_position"
+QUADROTOR = {
+    "pz": (f"{_POSITION}.z",),
+    **{f"{kind}{axis}": (f"{_POSITION}.{kind}{axis}",) for kind in "va" for axis in "xyz"},
+    **{f"g{axis}": (f"vehicle_angular_velocity.xyz[{i}]", f"sensor_combined.gyro_rad[{i}]") for i, axis in enumerate("xyz")},
+    **{motor: (f"actuator_motors.control[{k - 1}]", f"actuator_outputs.output[{k - 1}]") for motor, k in zip(MOTORS, motors.X)},
+    "vbat": ("battery_status.voltage_v",),
+}
+PLACES = ((1, 1), (-1, 1), (-1, -1), (1, -1))  # of M1 .. M4: signs of forward and right
+OUTPUT = re.compile(r"actuator_outputs(_\d)?\.output\[(?P<index>\d+)\]")
+MOTOR_1 = 101  # in PWM_MAIN_FUNC1 ..
 # A half turn about x leads from FRD to FLU and from NED to NWU: what points along y and z changes its sign.
 TURNED = re.compile(
     r"(sensor_combined\.(gyro_rad|accelerometer_m_s2)"
@@ -50,8 +63,15 @@ TURNED = re.compile(
     r"|vehicle_rates_setpoint\.(pitch|yaw)"
     r"|(rover_rate|rover_differential)_setpoint\.yaw_rate_setpoint|differential_drive_setpoint\.yaw_rate"
 )
-VALID = "xy_valid"
-RESETS = ("xy_reset_counter", "heading_reset_counter", "quat_reset_counter", "reset_counter")
+# What says that a field is not to be trusted, and what counts where its estimate was set again.
+FLAGS = ("xy_valid", "xy_reset_counter", "heading_reset_counter", "quat_reset_counter", "reset_counter")
+FLAGS_OF = {
+    "z": ("z_valid", "z_reset_counter"),
+    **dict.fromkeys(("vx", "vy"), ("v_xy_valid", "vxy_reset_counter")),
+    "vz": ("v_z_valid", "vz_reset_counter"),
+    **dict.fromkeys(("ax", "ay"), ("v_xy_valid",)),
+    "az": ("v_z_valid",),
+}
 TICK = 1 << 14  # reads between two looks at the progress
 CIRCLES = 200_000  # reads that lead nowhere new; going back over one message, byte by byte, takes 131,072
 
@@ -81,7 +101,9 @@ class ULogLog(Log):
         subscriptions, whole = survey(data)
         if not whole and not damaged:
             raise UserError(f"{path}: truncated or damaged (power failure while logging?); --damaged reads what is intact")
-        formats = self.parse([], header_only=True).message_formats
+        head = self.parse([], header_only=True)
+        formats = head.message_formats
+        self.parameters = {name: value for name, value in head.initial_parameters.items() if isinstance(value, (int, float))}
         self.where = {}
         for name, instance in subscriptions:
             topic = f"{name}_{instance}" if instance else name
@@ -109,6 +131,38 @@ class ULogLog(Log):
         data = {(d.name, d.multi_id): d.data for d in log.data_list}
         return {name: series(name, data.get(topics[name], {}), name in commands) for name in names}
 
+    def quadrotor(self):
+        """With the motors where the parameters say that they are."""
+        _, channels = outputs(self.parameters)
+        order = places(self.parameters)
+        if not order:
+            self.mend = "the rotors (CA_ROTOR0_PX ..) are not one at each corner: a quadrotor in X is needed"
+            return QUADROTOR | dict.fromkeys(MOTORS, ())
+        fields = [(f"actuator_motors.control[{k - 1}]", f"actuator_outputs.output[{channels[k - 1] - 1}]") for k in order]
+        return QUADROTOR | dict(zip(MOTORS, fields))
+
+    def thrust(self, name, series):
+        if name.startswith("actuator_motors"):
+            return np.nan_to_num(series.x)  # of a motor that is off, it is NaN
+        if output := OUTPUT.fullmatch(name):
+            low, high = self.limits(name, int(output["index"]) + 1)
+            return motors.curve(motors.share(series.x, low, high), self.parameters.get("THR_MDL_FAC", 0))
+        return series.x
+
+    def limits(self, name, channel):
+        """Pulse widths of no and of full thrust."""
+        group, _ = outputs(self.parameters)
+        both = []
+        for end in ("MIN", "MAX"):
+            names = (f"PWM_{group}_{end}{channel}", f"PWM_{group}_{end}", f"PWM_{end}")
+            both.append(next((self.parameters[n] for n in names if self.parameters.get(n, 0) > 0), np.nan))
+        if not both[0] < both[1]:
+            raise UserError(
+                f"{self.path}: {name} cannot be scaled, for PWM_{group}_MIN{channel} and PWM_{group}_MAX{channel} are not in the log; "
+                "log actuator_motors (SDLOG_PROFILE)"
+            )
+        return both
+
 
 def series(name, table, command):
     """Series of one field of a topic's table."""
@@ -118,10 +172,30 @@ def series(name, table, command):
     # A state is of when it was measured, a command of when it was given.
     clock = "timestamp" if command or not table.get("timestamp_sample", np.zeros(1)).all() else "timestamp_sample"
     sign = -1.0 if TURNED.fullmatch(name) else 1.0
-    trusted = table[VALID] != 0 if VALID in table else None
-    resets = [table[counter] for counter in RESETS if counter in table]
+    valid, *counters = FLAGS_OF.get(field, FLAGS)
+    trusted = table[valid] != 0 if valid in table else None
+    resets = [table[counter] for counter in counters if counter in table]
     epoch = np.cumsum([np.diff(r, prepend=r[:1]) != 0 for r in resets], axis=1).sum(axis=0) if resets else None
     return Series(table[clock] * 1e-6, sign * table[field].astype(float), trusted, epoch)
+
+
+def places(parameters):
+    """Motors of PX4 that are M1 .. M4, by the places of the rotors, else as in its usual X; none for what is no quadrotor in X."""
+    count = parameters.get("CA_ROTOR_COUNT", 0)
+    if count == 0:
+        return motors.X
+    rotors = [tuple(np.sign(parameters.get(f"CA_ROTOR{i}_P{axis}", 0)) for axis in "XY") for i in range(len(PLACES))]
+    return [rotors.index(place) + 1 for place in PLACES] if count == len(PLACES) and set(rotors) == set(PLACES) else None
+
+
+def outputs(parameters):
+    """(MAIN or AUX, the channels of PX4's motors 1 .. 4): as PWM_MAIN_FUNC1 .. assign them, else the first four."""
+    for group in ("MAIN", "AUX"):
+        functions = [parameters.get(f"PWM_{group}_FUNC{channel}") for channel in range(1, 17)]
+        wanted = range(MOTOR_1, MOTOR_1 + len(MOTORS))
+        if all(function in functions for function in wanted):
+            return group, [functions.index(function) + 1 for function in wanted]
+    return "MAIN", [1, 2, 3, 4]
 
 
 def survey(data):

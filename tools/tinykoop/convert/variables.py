@@ -7,6 +7,7 @@ from .log import Log, Series
 
 DEG = math.pi / 180
 G = 9.80665
+FULL = 65535  # of motor.m1 ..: the thrust that is asked for, before the firmware makes up for the voltage
 _POSE = {"px": ("stateEstimate.x", "stateEstimateZ.x"), "py": ("stateEstimate.y", "stateEstimateZ.y")}
 _ANGLES = {name: (f"stateEstimate.{name}", f"stabilizer.{name}", "stateEstimate.q") for name in ("pitch", "roll", "yaw")}
 _IMU = {kind[0] + axis: (f"{kind}.{axis}",) for kind in ("gyro", "acc") for axis in "xyz"}
@@ -16,11 +17,18 @@ USUAL = _POSE | _ANGLES | _IMU | {
     "omega": ("ctrltarget.yaw",),
     "u": ("ctrltarget.pitch", "controller.cmd_pitch"),
 }  # fmt: skip
+QUADROTOR = {
+    **{f"{kind}{axis}": (f"stateEstimate.{kind}{axis}", f"stateEstimateZ.{kind}{axis}") for kind in "va" for axis in "xyz"},
+    "pz": ("stateEstimate.z", "stateEstimateZ.z"),
+    "az": ("stateEstimate.az",),  # that of stateEstimateZ includes gravity
+    **{f"m{i}": (f"motor.m{i}",) for i in range(1, 5)},
+    "vbat": ("pm.vbat", "pm.vbatMV"),
+}
 
 # The firmware's pitch angle is positive nose up, against its own gyro: right-handed about y (left) it is nose down.
 UNITS = (
     (r"gyro(Sec)?\.[xyz]", DEG),
-    (r"acc(Sec)?\.[xyz]", G),
+    (r"acc(Sec)?\.[xyz]|stateEstimate\.a[xyz]", G),
     (r"(stateEstimate|stabilizer|ctrltarget|controller)\.(roll|yaw)", DEG),
     (r"(stateEstimate|stabilizer|ctrltarget|controller)\.pitch", -DEG),
     (r"controller\.(roll|yaw)Rate", DEG),
@@ -28,7 +36,7 @@ UNITS = (
     (r"controller\.r_pitch", -1.0),
     (r"stateEstimateZ\.(rate(Roll|Yaw)|[va]?[xyz])", 1e-3),
     (r"stateEstimateZ\.ratePitch", -1e-3),
-    (r"ctrltargetZ\.[va]?[xyz]", 1e-3),
+    (r"ctrltargetZ\.[va]?[xyz]|pm\.vbatMV", 1e-3),
 )
 
 
@@ -50,8 +58,14 @@ class CrazyflieLog(Log):
             group, _, field = name.partition(".")
             self.topics.setdefault(group, []).append(field)
 
+    def quadrotor(self):
+        return QUADROTOR
+
     def names(self):
         return list(self.samples)
 
     def read(self, names, commands):
         return {name: Series(self.samples[name][0], self.samples[name][1] * si(name)) for name in names}
+
+    def thrust(self, name, series):
+        return series.x / FULL if re.fullmatch(r"motor\.m[1-4]", name) else series.x

@@ -14,9 +14,11 @@
 static const struct {
 	const char *name, *header;
 	size_t n, m;
+	size_t may_lack; /* 0 or 1: columns of the state and the last input */
 } platforms[] = {
-    {"ddr", "t,px,py,theta,v,omega", 3, 2},
-    {"fwmav", "t,gx,gy,gz,ax,ay,az,pitch,roll,yaw,yaw_rate,u", 10, 1},
+    {"ddr", "t,px,py,theta,v,omega", 3, 2, 0},
+    {"fwmav", "t,gx,gy,gz,ax,ay,az,pitch,roll,yaw,yaw_rate,u", 10, 1, 0},
+    {"quadrotor", "t,px,py,pz,vx,vy,vz,ax,ay,az,roll,pitch,yaw,gx,gy,gz,m1,m2,m3,m4,vbat", 15, 5, 1},
 };
 
 /* A file in memory, and its path. */
@@ -62,16 +64,34 @@ static int all_finite(const double *x, size_t count) {
 	return 1;
 }
 
+/* Whether the log lacks column i of rows of n. */
+static int is_absent(const double *x, size_t rows, size_t n, size_t i) {
+	for (size_t k = 0; k < rows; k++) {
+		if (!isnan(x[k * n + i])) { return 0; }
+	}
+	return 1;
+}
+
+/* Finite in row k, but for columns that the log may lack, and does throughout. */
+static void check_row(const double *x, size_t rows, size_t n, size_t k, size_t needed) {
+	for (size_t i = 0; i < n; i++) {
+		EXPECT(isfinite(x[k * n + i]) || (i >= needed && is_absent(x, rows, n, i)), "row %zu", k);
+	}
+}
+
 static void check_contents(const contents *c, size_t p) {
 	const size_t n = platforms[p].n;
 	EXPECT(c->rows >= 3, "%zu", c->rows);
 	EXPECT(c->dt > 0 && isfinite(c->dt), "%g", c->dt);
 	EXPECT(all_finite(c->t, c->rows), "time");
-	EXPECT(all_finite(c->u, c->rows * platforms[p].m), "inputs");
+	const size_t m = platforms[p].m, lacks = platforms[p].may_lack;
+	for (size_t k = 0; k < c->rows; k++) { check_row(c->u, c->rows, m, k, m - lacks); }
 	for (size_t k = 0; k + 1 < c->rows; k++) {
 		EXPECT(c->t[k] < c->t[k + 1], "row %zu", k);
 		if (!c->usable[k]) { continue; }
-		EXPECT(c->usable[k] == 1 && all_finite(c->x + k * n, 2 * n), "row %zu", k);
+		EXPECT(c->usable[k] == 1, "row %zu", k);
+		check_row(c->x, c->rows, n, k, lacks ? 0 : n);
+		check_row(c->x, c->rows, n, k + 1, lacks ? 0 : n);
 		EXPECT(fabs(c->t[k + 1] - c->t[k] - c->dt) < 0.5 * c->dt, "row %zu", k);
 	}
 }
@@ -97,7 +117,7 @@ static void check_round_trip(const contents *c, size_t p) {
 	const size_t n = platforms[p].n, m = platforms[p].m, most = c->rows * (1 + n + m) * 26 + 100;
 	char *text = allocate(most);
 	size_t length = (size_t)snprintf(text, most, "%s\n", platforms[p].header);
-	if (!all_finite(c->x, c->rows * n)) { return; } /* masked */
+	if (!all_finite(c->x, c->rows * n) || !all_finite(c->u, c->rows * m)) { return; } /* masked, or columns absent */
 	for (size_t k = 0; k < c->rows; k++) {
 		length += (size_t)snprintf(text + length, most - length, "%.17g", c->t[k]);
 		for (size_t i = 0; i < n + m; i++) {

@@ -30,8 +30,8 @@ int quadrotor_from(const double *given, quadrotor *vehicle) {
 		const tk_parameter *p = &parameters[i];
 		values[i] = given ? given[i] : p->usual;
 		if (!(values[i] >= p->low && values[i] <= p->high)) {
-			return fail("quadrotor: %s is %g %s, it must be between %g and %g", p->name, values[i], p->unit, p->low,
-			            p->high);
+			return fail("quadrotor: %s is %g %s, it must be between %g and %g", p->name, values[i], p->unit,
+			            p->low, p->high);
 		}
 	}
 	memcpy(vehicle, values, sizeof values);
@@ -249,12 +249,14 @@ int quadrotor_check(const double *state, double t) {
 	double sum = 0;
 	for (size_t i = 0; i < TK_QUADROTOR_STATES; i++) { sum += state[i]; }
 	if (isfinite(sum)) { return TK_OK; }
-	return fail("the simulated flight diverged (NaN or Inf) at t = %g s: check effect parameters and commands", t);
+	return fail(
+	    "the simulated flight diverged (NaN or Inf) at t = %g s: check effect parameters and commands", t);
 }
 
 /* ---- Sensors -------------------------------------------------------------------------------- */
 
-void quadrotor_sense(const quadrotor *vehicle, const quadrotor_signal *signal, const double *state, double *x) {
+void quadrotor_sense(const quadrotor *vehicle, const quadrotor_signal *signal, const double *state,
+                     double *x) {
 	double derivative[TK_QUADROTOR_STATES], R[3][3];
 	quadrotor_derivative(vehicle, signal, state, derivative);
 	quaternion_to_matrix(state + QUAD_ATTITUDE, R);
@@ -336,8 +338,8 @@ static int roll(const quadrotor *vehicle, const effect_chain *effects, double dt
 	return status;
 }
 
-int tk_quadrotor_roll(const tk_active *effects, size_t n_effects, const double *vehicle, double dt, size_t steps,
-                      const double *state, const double *commands, double *states) {
+int tk_quadrotor_roll(const tk_active *effects, size_t n_effects, const double *vehicle, double dt,
+                      size_t steps, const double *state, const double *commands, double *states) {
 	if (!state || !commands || !states || (n_effects && !effects)) {
 		return fail("state, commands, states and effects must be given");
 	}
@@ -348,7 +350,9 @@ int tk_quadrotor_roll(const tk_active *effects, size_t n_effects, const double *
 	effect_chain chain;
 	if (quadrotor_from(vehicle, &v) != TK_OK) { return TK_ERROR; }
 	quadrotor_effects_for(&v, &store, &table);
-	if (effects_open(&chain, &table, effects, n_effects, dt, (double)steps * dt) != TK_OK) { return TK_ERROR; }
+	if (effects_open(&chain, &table, effects, n_effects, dt, (double)steps * dt) != TK_OK) {
+		return TK_ERROR;
+	}
 	memcpy(states, state, TK_QUADROTOR_STATES * sizeof *state);
 	const int status = roll(&v, &chain, dt, steps, commands, states);
 	effects_free(&chain);

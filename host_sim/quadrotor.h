@@ -10,19 +10,19 @@
 
 /* Parameters of a vehicle: name, unit, bounds, and the value of a Crazyflie 2.1. The only list of them. */
 #define QUADROTOR_PARAMETERS(P)                                                                              \
-	P(mass, "kg", 0.005, 50, 0.033)             /* with battery and decks */                                 \
-	P(arm, "m", 0.01, 2, 0.046)                 /* centre to rotor; the rotors stand in an X */              \
-	P(inertia_x, "kg m^2", 1e-7, 10, 1.66e-5)   /* about the centre of mass, principal axes */               \
+	P(mass, "kg", 0.005, 50, 0.033)           /* with battery and decks */                                   \
+	P(arm, "m", 0.01, 2, 0.046)               /* centre to rotor; the rotors stand in an X */                \
+	P(inertia_x, "kg m^2", 1e-7, 10, 1.66e-5) /* about the centre of mass, principal axes */                 \
 	P(inertia_y, "kg m^2", 1e-7, 10, 1.67e-5)                                                                \
 	P(inertia_z, "kg m^2", 1e-7, 10, 2.93e-5)                                                                \
-	P(thrust_full, "N", 0.01, 1000, 0.132)      /* of one rotor asked for all it has, at `voltage` */         \
+	P(thrust_full, "N", 0.01, 1000, 0.132) /* of one rotor asked for all it has, at `voltage` */             \
 	P(torque_per_thrust, "m", 1e-4, 0.5, 0.00596)                                                            \
-	P(motor_lag, "s", 0.002, 0.5, 0.06)         /* time constant of the thrust */                            \
-	P(drag_xy, "1/s", 0, 5, 0.23)               /* force over mass and velocity through the air */           \
+	P(motor_lag, "s", 0.002, 0.5, 0.06) /* time constant of the thrust */                                    \
+	P(drag_xy, "1/s", 0, 5, 0.23)       /* force over mass and velocity through the air */                   \
 	P(drag_z, "1/s", 0, 5, 0.26)                                                                             \
-	P(voltage, "V", 1, 100, 3.5)                /* of the battery under load */                              \
-	P(voltage_slope, "1/V", -1, 1, -0.1)        /* share of thrust that a volt more gives */                 \
-	P(rate_gain, "1/s", 1, 500, 110)            /* of the controller's rate loops, roll and pitch */         \
+	P(voltage, "V", 1, 100, 3.5)         /* of the battery under load */                                     \
+	P(voltage_slope, "1/V", -1, 1, -0.1) /* share of thrust that a volt more gives */                        \
+	P(rate_gain, "1/s", 1, 500, 110)     /* of the controller's rate loops, roll and pitch */                \
 	P(yaw_rate_gain, "1/s", 0.5, 200, 11)
 
 #define QUADROTOR_FIELD(name, unit, low, high, value) double name;
@@ -30,7 +30,8 @@ typedef struct quadrotor {
 	QUADROTOR_PARAMETERS(QUADROTOR_FIELD)
 } quadrotor;
 
-/* Where things stand in a state. The load's swing: horizontal part of the unit vector along its string, and its rate. */
+/* Where things stand in a state. The load's swing: horizontal part of the unit vector along its string, and
+ * its rate. */
 enum {
 	QUAD_POSITION = 0,
 	QUAD_VELOCITY = 3,
@@ -52,19 +53,19 @@ typedef struct quadrotor_signal {
 	double moment[3];      /* plant: N m, body axes */
 	double wind[2];        /* plant: m/s, in the world's x and y */
 	double drag;           /* plant: 1/s, on top */
-	double payload[6];     /* plant: sums over what is fixed to the body of m, m x, m y, m x^2, m y^2, m x y */
-	double load[4];        /* plant: on a string: mass (kg), length (m), x, y (m) */
-	double turbulence[6];  /* plant: m/s^2 and rad/s^2 in body axes */
-	double gyro[3];        /* sensor: on top, rad/s */
+	double payload[6];    /* plant: sums over what is fixed to the body of m, m x, m y, m x^2, m y^2, m x y */
+	double load[4];       /* plant: on a string: mass (kg), length (m), x, y (m) */
+	double turbulence[6]; /* plant: m/s^2 and rad/s^2 in body axes */
+	double gyro[3];       /* sensor: on top, rad/s */
 	double accelerometer[3]; /* sensor: on top, m/s^2, body axes */
-	double vibration;      /* sensor: factor of the noise that vibration makes */
+	double vibration;        /* sensor: factor of the noise that vibration makes */
 } quadrotor_signal;
 
 static inline quadrotor_signal *in_quadrotor(tk_signal *signal) {
 	return (quadrotor_signal *)signal;
 }
 
-/* From `parameters` in the order of QUADROTOR_PARAMETERS; null: a Crazyflie 2.1. Fails outside their bounds. */
+/* From `parameters` in the order of QUADROTOR_PARAMETERS; null: a Crazyflie 2.1. Fails outside the bounds. */
 int quadrotor_from(const double *parameters, quadrotor *vehicle);
 /* Share of full thrust at which the rotors carry the vehicle at its voltage. */
 double quadrotor_hover_request(const quadrotor *vehicle);
@@ -84,8 +85,8 @@ void quadrotor_effects_for(const quadrotor *vehicle, quadrotor_store *store, tk_
 
 /* The signal at time t as plant and sensor effects leave it. */
 quadrotor_signal quadrotor_signal_at(const effect_chain *effects, double vbat, double t, double dt);
-/* Takes the requests through the effects on the way to the rotors; the rotors can do no more than all and no less
- * than nothing. */
+/* Takes the requests through the effects on the way to the rotors; a rotor can do no more than all and no
+ * less than nothing. */
 void quadrotor_command(const effect_chain *effects, quadrotor_signal *signal);
 
 /* d state / dt; the velocity's part is the acceleration without gravity that an estimator tells. */
@@ -93,8 +94,10 @@ void quadrotor_derivative(const quadrotor *vehicle, const quadrotor_signal *sign
                           double *derivative);
 /* One step of `dt` on, by Runge and Kutta. */
 void quadrotor_step(const quadrotor *vehicle, const quadrotor_signal *signal, double dt, double *state);
-/* Position, velocity, acceleration (world), roll, pitch, yaw, angular velocity (body) as the sensors tell them. */
-void quadrotor_sense(const quadrotor *vehicle, const quadrotor_signal *signal, const double *state, double *x);
+/* As the sensors tell: position, velocity, acceleration (world), roll, pitch, yaw, angular velocity (body).
+ */
+void quadrotor_sense(const quadrotor *vehicle, const quadrotor_signal *signal, const double *state,
+                     double *x);
 /* Fails if the state at time t is not finite. */
 int quadrotor_check(const double *state, double t);
 

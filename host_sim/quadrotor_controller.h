@@ -18,15 +18,15 @@ typedef struct pid_memory {
 typedef struct quadrotor_controller {
 	size_t ticks; /* since it was reset */
 	pid_memory position[3], velocity[3], angle[3], rate[3];
-	double asked[3];          /* roll, pitch, yaw, rad */
-	double collective;        /* share of full thrust */
+	double asked[3];   /* roll, pitch, yaw, rad */
+	double collective; /* share of full thrust */
 } quadrotor_controller;
 
 /* With all integrals zero, but for the lift of a vehicle that hovers. */
 void quadrotor_control_start(const quadrotor *vehicle, int hovers, quadrotor_controller *c);
 /* Requests of the rotors for x as measured (position, velocity, -, roll, pitch, yaw, angular velocity); to be
  * called every QUADROTOR_TICK. */
-void quadrotor_control(const quadrotor *vehicle, quadrotor_controller *c, const quadrotor_aim *aim, const double *x,
-                       double *asked);
+void quadrotor_control(const quadrotor *vehicle, quadrotor_controller *c, const quadrotor_aim *aim,
+                       const double *x, double *asked);
 
 #endif

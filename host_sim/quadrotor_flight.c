@@ -1,4 +1,5 @@
-/* A flight: the vehicle in turbulent air, its state estimate, controller and battery, and what it is to fly. */
+/* A flight: the vehicle in turbulent air, its state estimate, controller and battery, and what it is to fly.
+ */
 #include <math.h>
 #include <string.h>
 
@@ -16,16 +17,18 @@ static const double HEIGHT = 0.5; /* m, of hover and legs */
 
 /* ---- Chance ------------------------------------------------------------------------ */
 
-/* Standard deviations, chosen so that roll, requests and place vary as much as on the labelled flights of Crazyflies. */
+/* Standard deviations, chosen so that roll, requests and place vary as much as on the labelled flights of
+ * Crazyflies. */
 static const double TURBULENCE[6] = {0.05, 0.05, 0.05, 2.5, 2.5, 0.6}; /* m/s^2, rad/s^2 */
 /* White noise of the estimate: m, m/s, m/s^2, rad, rad/s. The accelerometer's and the gyro's is vibration. */
 static const double NOISE[5] = {0.0004, 0.0015, 0.07, 0.0004, 0.02};
-static const double LEVEL = 0.004;  /* rad: of flights, how far the estimate's roll and pitch are off */
-static const double TRIM = 0.006;   /* of flights, by which each rotor's thrust differs */
+static const double LEVEL = 0.004; /* rad: of flights, how far the estimate's roll and pitch are off */
+static const double TRIM = 0.006;  /* of flights, by which each rotor's thrust differs */
 static const double ACCELEROMETER_BIAS = 0.03, GYRO_BIAS = 0.003; /* m/s^2, rad/s, of flights */
 
-/* Battery, in shares of the vehicle's voltage: at take-off without load (mean and standard deviation of flights), what
- * full thrust takes off, and what flying takes off for good (1/s at full thrust). As on the labelled flights. */
+/* Battery, in shares of the vehicle's voltage: at take-off without load (mean and standard deviation of
+ * flights), what full thrust takes off, and what flying takes off for good (1/s at full thrust). As on the
+ * labelled flights. */
 static const double OPEN = 1.09, OPEN_SPREAD = 0.03, SAG = 0.13, DISCHARGE = 0.0012, VOLT_NOISE = 0.0012;
 
 static void blow(double *turbulence, uint64_t *random, double noise) {
@@ -222,8 +225,8 @@ static int manoeuvre_by_name(const char *name) {
 	return fail("there is no manoeuvre named '%s': use hover, legs or mixed", name ? name : "");
 }
 
-int tk_quadrotor_fly(const tk_active *effects, size_t n_effects, const double *vehicle, const tk_flight *settings,
-                     size_t rows, double *x, double *u, double *states) {
+int tk_quadrotor_fly(const tk_active *effects, size_t n_effects, const double *vehicle,
+                     const tk_flight *settings, size_t rows, double *x, double *u, double *states) {
 	if (!settings || (n_effects && !effects)) { return fail("flight and effects must be given"); }
 	if (!(settings->noise >= 0 && settings->noise <= 10)) {
 		return fail("noise is %g, it must be between 0 and 10", settings->noise);

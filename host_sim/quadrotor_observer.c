@@ -1,5 +1,6 @@
-/* An observer of the quadrotor: the simulated vehicle, held to a logged flight by a constant gain. What the log lacks
- * is estimated with the rest. What it misses from row to row is white as long as the vehicle is the simulated one. */
+/* An observer of the quadrotor: the simulated vehicle, held to a logged flight by a constant gain. What the
+ * log lacks is estimated with the rest. What it misses from row to row is white as long as the vehicle is the
+ * simulated one. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -169,7 +170,9 @@ static int follow(follower *f, double *predicted, double *estimated, const tk_ah
 /* ---- Interface ----------------------------------------------------------------------------------- */
 
 static int check_ahead(const tk_ahead *a, size_t rows) {
-	if (!a->starts || !a->steps || !a->predicted) { return fail("starts, steps and predicted must be given"); }
+	if (!a->starts || !a->steps || !a->predicted) {
+		return fail("starts, steps and predicted must be given");
+	}
 	for (size_t i = 0; i < a->n_starts; i++) {
 		if (a->starts[i] < (i ? a->starts[i - 1] : 0) || a->starts[i] >= (int64_t)rows) {
 			return fail("starts must rise, within the log's rows");

@@ -1,5 +1,5 @@
-/* The thrust falls linearly with time, beyond what the logged voltage tells: by the share loss_at_end when the
- * flight (or the effect) ends. */
+/* The thrust falls linearly with time, beyond what the logged voltage tells: by the share loss_at_end when
+ * the flight (or the effect) ends. */
 #include "quadrotor.h"
 
 static void apply(const double *p, double *memory, tk_signal *signal) {

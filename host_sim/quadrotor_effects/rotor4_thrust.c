@@ -9,7 +9,6 @@ static void apply(const double *p, double *memory, tk_signal *signal) {
 const tk_effect quadrotor_rotor4_thrust = {
     .name = "rotor4_thrust",
     .formula = "thrust and torque of rotor 4 -> (1 + a)",
-    .family = "rotor_thrust",
     .block = TK_PLANT,
     .n_parameters = 1,
     .parameters = {{"a", "1", -0.6, 0.3, -0.1}},

@@ -78,7 +78,8 @@ def test_wheel_holds_the_package_its_library_and_its_data(wheel):
     sources |= {f"tinykoop/_lib/c/{path.relative_to(ROOT / 'lib').as_posix()}" for path in (ROOT / "lib").rglob("*.[ch]")}
     rest = {name for name in names(wheel) if ".dist-info/" not in name} - sources
     assert sources <= set(names(wheel))
-    assert rest == {"tinykoop/_lib/libtinykoop_sim.so", "tinykoop/firmware/footprint.json", "tinykoop/py.typed"}
+    vehicles = {f"tinykoop/vehicles/{path.name}" for path in (ROOT / "tools/tinykoop/vehicles").glob("*.toml")}
+    assert rest == {"tinykoop/_lib/libtinykoop_sim.so", "tinykoop/firmware/footprint.json", "tinykoop/py.typed", *vehicles} and vehicles
     assert [name for name in names(wheel) if name.endswith("licenses/LICENSE")]
 
 

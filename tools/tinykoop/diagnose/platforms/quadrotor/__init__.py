@@ -1,8 +1,10 @@
-"""The quadrotor of host_sim/: the simulated one is held to a flight by an observer (vehicle)."""
+"""The quadrotor: what a flight asks of its rotors and how it answers, beside healthy flights.
 
-from ....plumbing.errors import UserError
+Data flow: features (a flight, on average) -> baseline (healthy flights), causes (what may explain a difference) -> changes (what does)
+-> path (predictions by the simulated vehicle) -> diagnosis, advise (the report) -> told, figures (what people read).
+"""
 
+from .diagnosis import diagnose, load, read
+from .told import Flight as Teller
 
-def read(path, *_):
-    """Refuses: what an observer misses is not yet explained."""
-    raise UserError(f"{path}: a quadrotor's log cannot be diagnosed yet; give one of a ddr or fwmav")
+__all__ = ["Teller", "diagnose", "load", "read"]

@@ -16,7 +16,7 @@ OWN := $(if $(DICTIONARY),--dictionary "$(DICTIONARY)")
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real ledger ablate windup diagnose blind constants study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
+.PHONY: help system build c-tests demo test learn control transfer real flights ledger ablate windup diagnose blind constants study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -87,6 +87,9 @@ transfer: build ## flapping wing across flight regimes, the paper's table (DATA=
 real: build ## real logs replayed and, of drives, diagnosed (DATA="logs or folders of logs"): real.json
 	@test -n "$(DATA)" || { echo "Which logs? make real DATA=folder" >&2; exit 2; }
 	@$(TINYKOOP) real --data $(DATA) $(UPDATED)
+
+flights: build $(VENV)/blind-ready ## labelled real flights of two Crazyflies: what is said of each, beside peers (DATA=folder, else ../shared/data/crazyflie): flights.json
+	@$(TINYKOOP) flights --data "$(or $(DATA),../shared/data/crazyflie)" $(UPDATED)
 
 ledger: build ## the paper's claims, our figures and verdicts, after learn, control, ablate, windup and transfer: ledger.json
 	@$(TINYKOOP) ledger $(UPDATED)

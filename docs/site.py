@@ -22,7 +22,7 @@ CONTENTS = {
     "Tutorials": "tutorial-microcontroller tutorial-control tutorial-dictionary tutorial-diagnose own-robot tutorial-paper",
     "Guides": "microcontroller learning control diagnose flapping-wing quadrotor logs convert",
     "Reference": "reference command-line python glossary",
-    "Results": "paper benchmarks assurance diagnose-constants",
+    "Results": "paper benchmarks assurance diagnose-constants quadrotor-flights",
     "Project": "contributing security changelog",
 }
 

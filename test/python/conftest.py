@@ -16,7 +16,7 @@ os.environ["COLUMNS"] = "80"
 SLOWEST = (
     "test_examples_own", "test_diagnose", "test_diagnose_input", "test_own_robot", "test_drop_in", "test_host_faults",
     "test_simulators_mujoco", "test_flight", "test_simulators_recorded", "test_objects", "test_assure_flips",
-    "test_blind_own", "test_long_logs", "test_simulators_fmu", "test_install",
+    "test_blind_own", "test_long_logs", "test_simulators_fmu", "test_install", "test_real_flights",
 )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoC
 OWN, OWN_FILE = "FILE:NAME", "own.py:NAME or own.c:NAME"
 VEHICLES = "of a quadrotor: crazyflie (default), iris, racing, or your own TOML file (docs/quadrotor.md)"
 TABLES = (  # commands that write what they measured into the docs
-    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
+    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "flights", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize",
 )  # fmt: skip
 DEVELOPERS = (  # commands that work on the files of a checkout
@@ -130,6 +130,8 @@ def _paper(add):
     transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
     real = add("real", "real logs replayed and, of drives, diagnosed: the figures of the docs on real robots")
     real.add_argument("--data", type=Path, nargs="+", required=True, help="logs, or folders of logs")
+    flights = add("flights", "real quadrotor flights with known causes: what is said of each, beside peers")
+    flights.add_argument("--data", type=Path, required=True, help="folder with labels.csv and the flights (docs/quadrotor-flights.md)")
     ablate = add("ablate", "dead-zone threshold, constant-trace settings, rollouts")
     windup = add("windup", "float32 against float64 for every dictionary, regulator and form")
     for command in (learn, ablate, windup):
@@ -300,6 +302,10 @@ def dispatch(a):
         from .experiments import real
 
         real.run(a.out, a.data, a.update)
+    elif a.command == "flights":
+        from .experiments import flights
+
+        flights.run(a.out, a.data, a.update)
     elif a.command == "study":
         from .experiments import study
 

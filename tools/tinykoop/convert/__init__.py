@@ -37,7 +37,12 @@ def detect(path):
 
 
 def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
-    """Converts the log `source` to the CSV `out`, and says what each column was made of.
+    """Converts the log `source` to the CSV `out`, and says what each column was made of; the arguments are those of quietly()."""
+    report(source, *quietly(source, out, platform, form, rate, maps, damaged))
+
+
+def quietly(source, out, platform, form=None, rate=None, maps=(), damaged=False):
+    """Converts the log `source` to the CSV `out`; returns (its rows, {column: field}, [columns that it lacks]).
 
     rate: rows per second (default: that of the slowest part of the state). maps: COLUMNS=FIELD[UNIT]*FACTOR, or a TOML file.
     damaged: take what can be read of a file that is truncated.
@@ -57,7 +62,7 @@ def run(source, out, platform, form=None, rate=None, maps=(), damaged=False):
         chosen = log.clocked(choose(log, (*log.timed, *COLUMNS[platform]), maps, optional))
         table = resample(log, chosen, rate, optional)
     write_table(out, table, [column for column in COLUMNS[platform] if column in table.columns])
-    report(source, table, chosen, [column for column in optional if column not in table.columns])
+    return table, chosen, [column for column in optional if column not in table.columns]
 
 
 def write_table(out, table, columns):
@@ -72,7 +77,7 @@ def write_table(out, table, columns):
 
 def report(source, table, chosen, absent):
     """Which field made which column, and what was lost."""
-    lines = []
+    source, lines = Path(source), []
     for column, field in chosen.items():
         if column in absent:
             continue

@@ -339,6 +339,17 @@ def _parts(log):
     return log.x, log.u, log.dt, "quadrotor"
 
 
+def test_another_vehicle_is_compared_with_its_own_healthy_flights(tinykoop, tmp_path):
+    log = bridge.quadrotor("mixed", SECONDS, 3, [bridge.Effect("rotor2_thrust", (-0.15,))], vehicle="iris")[0]
+    bridge.write_log(tmp_path / "iris.csv", *_parts(log))
+    done = tinykoop("diagnose", tmp_path / "iris.csv", "--robot", "quadrotor:iris", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    effect, *_ = json.loads((tmp_path / "report.json").read_text())["effects"]
+    assert effect["name"] == "rotor2_thrust" and effect["params"]["a"] == pytest.approx(-0.15, abs=0.03)
+    done = tinykoop("diagnose", tmp_path / "iris.csv", "--robot", "quadrotor:other", "--out", tmp_path)
+    assert done.returncode == 2 and "there is no vehicle 'other'" in done.stderr
+
+
 def test_bad_flights_are_refused_in_one_line(tinykoop, tmp_path):
     log = flown()
     for case, x, u, dt, words in (

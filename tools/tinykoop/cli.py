@@ -36,7 +36,7 @@ def _your_log(add):
     gap = add("diagnose", "where a simulator and a log differ, which effect is missing, how far the gap closes")
     gap.add_argument("log", nargs="+", help="several logs: one report each, and one table")
     gap.add_argument("--fresh", help="another log of the same robot, to validate the result without refitting")
-    whose = f"{', '.join(PLATFORMS)}, or the TOML file of your own (docs/own-robot.md)"
+    whose = f"{', '.join(PLATFORMS)}, quadrotor:VEHICLE, or the TOML file of your own (docs/own-robot.md)"
     gap.add_argument("--robot", "--platform", metavar="ROBOT", help=f"{whose}; default: the platform that the columns tell")
     gap.add_argument("--healthy", nargs="+", default=[], metavar="LOG", help="logs of the healthy or earlier robot: then, what changed")
     gap.add_argument("--sim", metavar="SIM.csv", help="TOML file: a run of your simulator under the log's commands, instead of [simulator]")
@@ -65,7 +65,6 @@ def _your_log(add):
     fix.add_argument("--write", action="store_true", help="change the file; otherwise the change is printed as a diff")
     effects = add("effects", "list all effects with formula, parameters, units, bounds and typical size", out=False)
     effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=whose)
-    effects.add_argument("--vehicle", metavar="VEHICLE", help=VEHICLES)
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
     play = add("replay", "run the eleven methods over a log, both precisions and forms")
     play.add_argument("log")
@@ -342,7 +341,7 @@ def dispatch(a):
     elif a.command == "effects":
         from .diagnose.robots import effects
 
-        effects.run(a.robot, a.log, a.vehicle)
+        effects.run(a.robot, a.log)
     elif a.command == "constants":
         from .blind import constants
 

@@ -16,12 +16,12 @@ from . import recording
 from .report.html import html
 from .report.story import Teller
 from .report.terminal import say, show
-from .robots import is_own
+from .robots import is_own, platform_of
 
 
 def platform(robot):
     """The module of a platform, or that of your own robots: it has read(), diagnose() and Teller."""
-    return import_module(f".platforms.{'own' if is_own(robot) else robot}", __package__)
+    return import_module(f".platforms.{'own' if is_own(robot) else platform_of(robot)}", __package__)
 
 
 def _diagnosed(path, fresh, robot, without, healthy, sim):

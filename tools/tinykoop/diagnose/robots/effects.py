@@ -3,11 +3,10 @@
 import numpy as np
 
 from ... import bridge
-from ...plumbing.errors import UserError
 from ...plumbing.results import number, print_table, print_terms
 from ..platforms.own.path import Path
 from ..robot import RobotLog
-from . import is_own, library, toml
+from . import is_own, library, platform_of, toml, vehicle_of
 from .log import read
 
 HEADERS = ("effect", "at", "parameter", "unit", "from", "to", "usual")
@@ -17,16 +16,17 @@ def _bound(value):
     return number(float(value)) if abs(value) < library.WHOLE else "any"
 
 
-def _of_c(platform, vehicle):
+def _of_c(robot):
     """Rows of a robot that comes with TinyKoop: [(name, block, parameters, formula)]."""
+    platform = platform_of(robot)
     formulas = bridge.formulas(platform)
-    table = bridge.quadrotor_effects(vehicle) if vehicle else bridge.effects(platform)
+    table = bridge.quadrotor_effects(vehicle_of(robot)) if platform == "quadrotor" else bridge.effects(platform)
     return [(name, block, [tuple(p) for p in rows], formulas[name]) for name, (block, rows) in table.items()]
 
 
-def _forms(platform):
+def _forms(robot):
     """{form: the effect as which it is reported}."""
-    return {name: reported for name, (_, reported) in bridge.families(platform).items() if reported != name}
+    return {name: reported for name, (_, reported) in bridge.families(platform_of(robot)).items() if reported != name}
 
 
 def _unit_log(robot):
@@ -43,14 +43,12 @@ def _of_own(robot, log):
     return [(e.name, e.block, [(p.name, p.unit, p.low, p.high, p.usual) for p in e.parameters], e.formula) for e in found.values()]
 
 
-def run(robot, log_file=None, vehicle=None):
-    """Prints the table. vehicle: the quadrotor whose bounds and sizes are asked for."""
+def run(robot, log_file=None):
+    """Prints the table."""
     own = is_own(robot)
-    if vehicle and robot != "quadrotor":
-        raise UserError("--vehicle: only for quadrotors; add --robot quadrotor")
     found = toml.read(robot) if own else None
     rows, formulas, note = [], {}, ""
-    for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot, vehicle):
+    for name, block, parameters, formula in _of_own(found, read(log_file, found) if log_file else None) if own else _of_c(robot):
         formulas[name] = formula
         for i, (parameter, unit, low, high, usual) in enumerate(parameters):
             first = (name, block) if i == 0 else ("", "")

@@ -1,7 +1,7 @@
 """What is said of each flight, by the diagnoser or a peer, and whether it is right."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -71,7 +71,7 @@ def sure_and_wrong(flight, answer):
 def changes(flight, healthy, factor=1.0):
     """Changes of a flight beside healthy ones; factor: of the spread of healthy flights."""
     known = baseline.of_vehicle([one.features for one in healthy])
-    return Changes(flight.features, known.flights, factor * known.spread, bridge.quadrotor_vehicle())
+    return Changes(flight.features, replace(known, spread=factor * known.spread), bridge.quadrotor_vehicle())
 
 
 def answer(found):

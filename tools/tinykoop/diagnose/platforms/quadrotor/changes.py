@@ -10,7 +10,9 @@ from .baseline import Baseline
 from .causes import BLOCKS, OTHER, PAYLOAD, SLUNG
 from .features import NAMES, ROTORS, Features
 
-CHANGED = 0.5  # probability that something has changed, from which on it is named
+# Probability that nothing has changed, below which something is named: beside flights of the vehicle itself, of which few are known, and
+# beside the simulated one, whose healthy flights differ by small trims of single rotors
+UNCHANGED = {True: 0.5, False: 0.2}
 RIVAL, MOST = 0.1, 3  # probability of what is declared beside the causes of a block; causes and these together
 SURE = 0.8  # most confidence in a rotor or a weight: they differ by yaw alone, in which flights of one vehicle differ from day to day
 SLIGHT, ROUNDS = 0.5, 20  # largest size, in 1 of the mean request, that is looked for as the smallest that shows; halvings
@@ -94,7 +96,7 @@ class Changes:
     @cached_property
     def best(self):
         """{block: Sized}, the most probable explanation of each block that has changed; of something else, if that one does not fit."""
-        return {block: self._best(block, p) for block, p in self.posteriors.items() if p.healthy < CHANGED}
+        return {block: self._best(block, p) for block, p in self.posteriors.items() if p.healthy < UNCHANGED[self.baseline.own]}
 
     def _best(self, block, p):
         fits = causes.fits(p.sized[0], self.differences(block), self.known[block])
@@ -179,9 +181,10 @@ class Changes:
             return np.nan
         S = np.mean([S for _, S in self.differences("balance")], axis=0)
         change, low, high = pattern(alone[0].H[known]), 0.0, SLIGHT * self._as_healthy.mean
+        limit = UNCHANGED[self.baseline.own]
         for _ in range(ROUNDS):
             middle = 0.5 * (low + high)
-            shows = causes.odds(every, name, [(middle * change, S)], known) > CHANGED / (1 - CHANGED)
+            shows = causes.odds(every, name, [(middle * change, S)], known) > (1 - limit) / limit
             low, high = (low, middle) if shows else (middle, high)
         return high
 

@@ -11,6 +11,7 @@ from ...diagnosis import Diagnosis, compare, gaps
 from ...elsewhere import seconds
 from ...prediction_errors import ahead
 from ...robot import check_effects
+from ...robots import vehicle_of
 from . import advise, baseline, features, path
 from .changes import Changes
 from .features import NAMES, TABLE
@@ -40,7 +41,9 @@ def _of(log, file):
 
 def read(file, fresh=None, healthy=(), robot=name, sim=None):
     """(the log, what diagnose() takes beside it)."""
-    return load(file), {"fresh": load(fresh) if fresh else None, "healthy": [load(one) for one in healthy]}
+    vehicle = vehicle_of(robot or name)
+    bridge.quadrotor_vehicle(vehicle)
+    return load(file), {"fresh": load(fresh) if fresh else None, "healthy": [load(one) for one in healthy], "vehicle": vehicle}
 
 
 def diagnose(log, fresh=None, without=(), healthy=(), vehicle="crazyflie"):

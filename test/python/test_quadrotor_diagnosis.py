@@ -210,11 +210,11 @@ def other(flight, **values):
 
 def test_less_voltage_lowers_the_expected_thrust():
     low, usual = (features.of(requests(volts=volts, noise=0.0)) for volts in (3.3, 3.5))
-    d, variances = beside(low, usual)._difference(usual)
+    d, variances = beside(low, usual).difference(usual)
     assert d[0] == pytest.approx(0.2 * baseline.VOLTS * MEAN, abs=1e-9) and d[1:4] == pytest.approx(0, abs=1e-9)
-    assert variances[0] > beside(usual, usual)._difference(usual)[1][0]
+    assert variances[0] > beside(usual, usual).difference(usual)[1][0]
     unknown = replace(low, volts=np.nan)
-    assert np.isfinite(beside(unknown, usual)._difference(usual)[0][:4]).all()
+    assert np.isfinite(beside(unknown, usual).difference(usual)[0][:4]).all()
 
 
 def test_a_flight_that_resembles_any_healthy_one_is_healthy():
@@ -348,6 +348,18 @@ def test_another_vehicle_is_compared_with_its_own_healthy_flights(tinykoop, tmp_
     assert effect["name"] == "rotor2_thrust" and effect["params"]["a"] == pytest.approx(-0.15, abs=0.03)
     done = tinykoop("diagnose", tmp_path / "iris.csv", "--robot", "quadrotor:other", "--out", tmp_path)
     assert done.returncode == 2 and "there is no vehicle 'other'" in done.stderr
+
+
+def test_what_needs_predictions_row_by_row_is_refused(tinykoop, tmp_path):
+    bridge.write_log(tmp_path / "log.csv", *_parts(flown("rotor2_thrust", a=-0.15)))
+    log, out = tmp_path / "log.csv", ("--robot", "quadrotor", "--out", tmp_path)
+    for case in (("--mcap", tmp_path / "log.mcap"), (log, "--pool")):
+        done = tinykoop("diagnose", log, *case, *out)
+        assert done.returncode == 2 and "not for a quadrotor" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert tinykoop("diagnose", log, *out).returncode == 0
+    (tmp_path / "vehicle.toml").write_text("mass = 1.0\n")
+    done = tinykoop("patch", tmp_path / "report.json", "--into", tmp_path / "vehicle.toml")
+    assert done.returncode == 2 and "by hand" in done.stderr
 
 
 def test_bad_flights_are_refused_in_one_line(tinykoop, tmp_path):

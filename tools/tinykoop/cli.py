@@ -314,7 +314,7 @@ def dispatch(a):
         from .diagnose import pooled, several
 
         if a.pool:
-            pooled.check(a.log, a.groups)
+            pooled.check(a.log, a.groups, a.robot)
         elif a.groups:
             raise UserError("--groups: labels of logs that are fitted together; add --pool")
         out = a.out / "diagnose" if a.out == checkout.OUT else a.out

@@ -24,6 +24,12 @@ def platform(robot):
     return import_module(f".platforms.{'own' if is_own(robot) else platform_of(robot)}", __package__)
 
 
+def predicts(robot, option):
+    """Refuses an option that needs predictions row by row, of a platform that has averages of the flight instead."""
+    if not hasattr(platform(robot), "path_of"):
+        raise UserError(f"{option}: not for a {robot}, whose flights are compared by their averages; leave it out")
+
+
 def _diagnosed(path, fresh, robot, without, healthy, sim):
     """(Diagnosis, its Story, seconds of the log's first row)."""
     if sim and not (robot and is_own(robot)):
@@ -62,6 +68,7 @@ def run(path, out, fresh=None, robot=None, without=(), healthy=(), sim=None, mca
     Raises UserError if an input is bad.
     """
     if mcap:
+        predicts(robot or of_log(path), "--mcap")
         recording.prepare(mcap)
     with busy(f"diagnosing {Path(path).name}"):
         result, told, t0 = _diagnosed(path, fresh, robot, without, healthy, sim)

@@ -5,7 +5,7 @@ from pathlib import Path
 from ..platforms import of_log
 from ..plumbing.errors import UserError
 from ..plumbing.results import busy, output_folder, print_table, write_json
-from . import platform, several, standing
+from . import platform, predicts, several, standing
 from .diagnosis import called, gaps, inside, limits
 from .elsewhere import seconds
 from .prediction_errors import judge
@@ -16,12 +16,14 @@ from .report.story import Teller
 from .report.terminal import say
 
 
-def check(logs, groups):
+def check(logs, groups, robot=None):
     """Refuses logs that cannot be pooled, before the work."""
     if len(logs) < 2:
         raise UserError("--pool: one log has nothing to share; give several logs of one robot")
     if groups and len(groups) != len(logs):
         raise UserError(f"--groups: {len(groups)} labels for {len(logs)} logs; give one label for each log, in their order")
+    if Path(logs[0]).exists():  # each log says by itself that it does not
+        predicts(robot or of_log(logs[0]), "--pool")
 
 
 def run(reports, out, groups=None, robot=None, without=(), healthy=()):

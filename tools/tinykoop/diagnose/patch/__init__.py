@@ -30,6 +30,10 @@ def _report(path):
         raise UserError(f"{path}: is no report of `tinykoop diagnose`; give its report.json") from error
     if verdict != "known" or not effects:
         raise UserError(f"{path}: the verdict is '{verdict}', so there is nothing to patch; record another log and diagnose that")
+    if report.get("platform") == "quadrotor":
+        raise UserError(
+            f"{path}: the file of a vehicle holds none of these effects; add them to your simulator by hand (docs/quadrotor.md)"
+        )
     for effect in effects:
         if effect["name"] in FAULTS:
             raise UserError(f"{path}: {effect['name']} is a fault of the robot, not of the simulator; correct it and record another log")

@@ -10,7 +10,7 @@ from ... import bridge
 from ...diagnose.platforms.quadrotor import baseline, causes
 from ...diagnose.platforms.quadrotor.causes import SLUNG
 from ...diagnose.platforms.quadrotor.changes import MOST, Changes
-from ...diagnose.platforms.quadrotor.diagnosis import STATIC
+from ...diagnose.platforms.quadrotor.diagnosis import DECIDED
 from ...plumbing.results import progress
 from .data import SESSIONS
 
@@ -76,7 +76,7 @@ def changes(flight, healthy, factor=1.0):
 
 def answer(found):
     """The Answer of Changes: causes that are decided are named, the others declared."""
-    decided = [cause for cause in found.named if found.decided(cause) >= STATIC]
+    decided = [cause for cause in found.named if found.decided(cause) >= DECIDED]
     named = tuple(cause.name for cause in decided)
     others = [cause.name for cause in found.named if cause.name not in named]
     rivals = [name for cause in found.named for name in found.rivals(cause.name)]

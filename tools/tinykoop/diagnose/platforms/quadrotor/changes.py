@@ -50,7 +50,7 @@ class Changes:
         rotors = np.mean([one.rotors for one in self.healthy], axis=0)
         return causes.Healthy(float(rotors.mean()), rotors, self.vehicle, self.flight)
 
-    def _difference(self, one):
+    def difference(self, one):
         """(d (F,), its variances (F,)) from a healthy flight."""
         d, variances = self.flight.values - one.values, self.baseline.spread**2 + self.flight.errors**2
         volts, (slope, sd) = np.nan_to_num(self.flight.volts - one.volts) * one.values[0], self.baseline.volts
@@ -71,7 +71,7 @@ class Changes:
     def differences(self, block):
         """[(d (f,), its covariance (f, f))] of the known features of a block from each healthy flight that has them."""
         known, out = self.known[block], []
-        for d, variances in map(self._difference, self.healthy):
+        for d, variances in map(self.difference, self.healthy):
             if np.isfinite(d[known]).all():
                 out.append((d[known], np.diag(variances[known])))
         return out

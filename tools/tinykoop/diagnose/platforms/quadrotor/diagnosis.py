@@ -21,7 +21,7 @@ SLOWEST = 0.05  # s between rows, at most: requests change faster than that
 SMALLEST = 0.1  # of what predictions of healthy flights miss: a smaller gap does not matter
 LOST = {"attitude": 0.35, "velocity": 1.5}  # rad and m/s, that predictions of healthy flights miss where they are lost
 AXES = ("thrust", "roll", "pitch", "yaw")
-STATIC = 0.5  # probability of a cause and what may be it instead, from which on it is named
+DECIDED = 0.5  # probability of a cause and what may be it instead, from which on it is named
 
 
 def load(file):
@@ -98,7 +98,7 @@ def _effects(changes, along):
             "units": {row[0]: row[1] for row in rows[cause.name][1]}, "at_bound": [], "segments": [[0.0, seconds(along.log)]],
             "formula": formulas[cause.name],
         }  # fmt: skip
-        (named if changes.decided(cause) >= STATIC else open_).append(told)
+        (named if changes.decided(cause) >= DECIDED else open_).append(told)
     return named, open_
 
 
@@ -148,7 +148,7 @@ def _left(changes, before, floor, along):
 def _where(changes, found):
     """Shares of what differs from healthy flights, by axis and in time."""
     sizes = np.zeros(4)
-    for d, variances in map(changes._difference, changes.healthy):
+    for d, variances in map(changes.difference, changes.healthy):
         sizes += np.nan_to_num(np.maximum(d[:4] ** 2 / variances[:4] - 1, 0)) / len(changes.healthy)
     gap = next(iter(found.path.gaps))
     over = np.maximum(np.nan_to_num(found.before[gap] ** 2 - found.floor[gap] ** 2), 0).sum(1)
@@ -161,7 +161,7 @@ def _where(changes, found):
 def _features(changes):
     """[{name, unit, flight, healthy, spread, times}] of what is compared."""
     out, mean = [], baseline.mean_of(np.array([one.values for one in changes.healthy]))
-    variances = np.mean([changes._difference(one)[1] for one in changes.healthy], axis=0)
+    variances = np.mean([changes.difference(one)[1] for one in changes.healthy], axis=0)
     for i, title in enumerate(NAMES):
         if any(i in known for known in changes.known.values()):
             sd = float(np.sqrt(variances[i]))

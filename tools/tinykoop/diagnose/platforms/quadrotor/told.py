@@ -108,6 +108,11 @@ class Flight(Teller):
             f"{percent(max(rotors))}, the smallest weight above a rotor {_grams(smallest[PAYLOAD])}."
         ]
 
+    def next_step(self):
+        if self.report["verdict"] != "known":
+            return super().next_step()
+        return "Next: repair the vehicle, or add this to your simulator, and diagnose a fresh flight."
+
     # ---- sections --------------------------------------------------------------------------------
 
     def predictions(self):

@@ -372,7 +372,7 @@ def dispatch(a):
     elif a.command == "dictionary":
         from . import dictionaries, platforms
 
-        n = platforms.sizes(a.platform)[0] if a.platform else a.states
+        n = platforms.learned(a.platform) if a.platform else a.states
         dictionaries.export(a.dictionary, a.header, n, a.precision)
     elif a.command == "size":
         from .firmware import size

@@ -309,7 +309,9 @@ def c_code(dictionary: Dictionary, n: int, name: str, precision: str = "f32") ->
 def export(text: str, header: str | Path, n: int, bits: int = 32) -> None:
     """Writes the C code of the dictionary of parts FILE.py:NAME for n states to a header, all of whose names begin with NAME."""
     if text in BUILT_IN:
-        raise UserError(f"{text}: it is in the library, as koopf_{text}_ddr and koopf_{text}_fwmav; give FILE.py:NAME")
+        raise UserError(
+            f"{text}: it is in the library, as koopf_{text}_ddr and koopf_{text}_fwmav, and of a quadrotor in what `tinykoop fit` writes; give FILE.py:NAME"
+        )
     header, (_, _, name), given = Path(header), text.rpartition(":"), from_file(text)
     if header.suffix != ".h":
         raise UserError(f"{header}: the dictionary is written as a C header; choose the ending .h")

@@ -11,6 +11,11 @@ COLUMNS = {  # beside t
 }  # fmt: skip
 COMMANDS = ("v", "omega", "u", "m1", "m2", "m3", "m4", "vbat")
 REQUIRED = {**COLUMNS, "quadrotor": ("m1", "m2", "m3", "m4")}  # a log may lack the others: NaN
+LEARNED = {  # states of learners, where they are not the log's columns; docs/quadrotor.md
+    "quadrotor": (
+        "forward", "left", "up", "roll", "pitch", "gx", "gy", "gz", "thrust", "roll_moment", "pitch_moment", "yaw_moment",
+    ),
+}  # fmt: skip
 UNITS = {  # of the columns of all of them
     "t": "s", "px": "m", "py": "m", "theta": "rad", "v": "m/s", "omega": "rad/s",
     "gx": "rad/s", "gy": "rad/s", "gz": "rad/s", "ax": "m/s2", "ay": "m/s2", "az": "m/s2",
@@ -26,6 +31,11 @@ def sizes(platform):
     check(platform)
     commands = sum(column in COMMANDS for column in COLUMNS[platform])
     return len(COLUMNS[platform]) - commands, commands
+
+
+def learned(platform):
+    """Number of states of a learner, of a log that lacks nothing."""
+    return len(LEARNED[platform]) if platform in LEARNED else sizes(platform)[0]
 
 
 def check(platform, *others):

@@ -210,9 +210,7 @@ def changes(log, platform):
     A jolt that goes with a lasting change is not listed again.
     """
     if platform != "fwmav":
-        raise UserError(
-            "changes are looked for in logs of the flapping wing; for a DDR use `tinykoop diagnose`, which says when effects come and go"
-        )
+        raise UserError("changes are looked for in logs of the flapping wing; for other robots use `tinykoop diagnose`")
     found, margin = lasting(*innovations(log, "lasting")), WINDOW * BIN * STEP
     short = jolts(*innovations(log, "jolt"))
     found += [j for j in short if not any(c["from"] - margin < j["time"] < c["to"] + margin for c in found)]

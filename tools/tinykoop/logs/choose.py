@@ -94,7 +94,7 @@ class Trial:
     def offline(self, name):
         """(lifting, Theta of the first part, norms of innovations of the second) of a dictionary."""
         if name not in self._known:
-            lifting = dictionaries.named(name, self.platform, self.log.x.shape[1])
+            lifting = replay.lifting(self.log, self.platform, name)
             theta = replay.offline_fit(self.log, self.platform, name, usable=self.fit).theta
             probe = bridge.Estimator(lifting, "ef", 64, n_inputs=self.log.u.shape[1])
             probe.theta = theta

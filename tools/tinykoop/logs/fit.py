@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import dictionaries
 from ..learner import RLS
 from ..plumbing.errors import UserError
 from ..plumbing.results import console, output_folder, printable
@@ -22,10 +21,9 @@ def run(path, target, dictionary="rbf", precision=32, platform=None, p0=1e4):
     output_folder(target.parent)
     log, platform = replay.load(path, platform)
     fitted = replay.offline_fit(log, platform, dictionary, p0=p0)
-    given = dictionaries.from_file(dictionary) if dictionary not in dictionaries.BUILT_IN else f"{dictionary}_{platform}"
-    stored = RLS(given, log.u.shape[1], regulator="none", precision=f"f{precision}").begin(log.x.shape[1])
+    stored = RLS(replay.given(log, platform, dictionary), log.u.shape[1], regulator="none", precision=f"f{precision}").begin(log.x.shape[1])
     stored.theta = fitted.theta
-    comment = f"{dictionary}, {platform}, fitted on {printable(Path(path).name)}"
+    comment = f"{dictionary}, {platform}, fitted on {printable(Path(path).name)}{replay.told_states(log)}"
     stored.export(target, comment=comment)
     trace = fitted.replay(log.x, log.u[:-1], usable=log.usable, learn=False, traces=("error",))
     console.print(

@@ -13,10 +13,16 @@ from ..experiments import scenario
 from ..plumbing import plots
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, printable, progress, replacing
+from . import quadrotor
 
 FIT, CALIBRATE = 0.2, 0.2  # shares of the log
 ETA = 0.75
-LAMBDA = {"ddr": 0.98, "fwmav": 0.995}  # paper, section "Comparison Protocol"
+LAMBDA = {"ddr": 0.98, "fwmav": 0.995, "quadrotor": 0.995}  # paper, section "Comparison Protocol"; both vehicles have 100 rows per second
+INVERSE_RIDGE = {
+    "ddr": scenario.OFFLINE_P0,
+    "fwmav": scenario.OFFLINE_P0,
+    "quadrotor": 100.0,
+}  # of an offline model: one of 2 s of hover must not fit noise
 ANGLES = {"ddr": [2], "fwmav": [6, 7, 8]}  # states that wrap
 MIN_USABLE = 100
 
@@ -37,20 +43,40 @@ def unwrapped(log, platform):
 
 
 def load(path, platform=None):
-    """(log, platform) with angles unwrapped, so that a turn through pi is no jump."""
+    """(log, platform) as learners take it: angles without the jump of a turn through pi, of a quadrotor what quadrotor.learned() makes."""
     platform = platform or platforms.of_log(path)
-    if platform not in LAMBDA:
-        raise UserError(f"{path}: a log of a {platform}, of which models are not learned yet; give one of {' or '.join(LAMBDA)}")
-    log = unwrapped(bridge.read_log(path, platform), platform)
+    log = bridge.read_log(path, platform)
+    log = quadrotor.learned(log, path) if platform == "quadrotor" else unwrapped(log, platform)
     if log.usable.sum() < MIN_USABLE:
         raise UserError(f"{path}: {int(log.usable.sum())} usable steps, at least {MIN_USABLE} are needed; check seg and pose_ok")
     return log, platform
 
 
-def offline_fit(log, platform, dictionary, precision=64, p0=scenario.OFFLINE_P0, usable=None):
+def given(log, platform, dictionary):
+    """What a --dictionary stands for: the name of one in the library, or one of dictionaries.py."""
+    if dictionary not in dictionaries.BUILT_IN:
+        return dictionaries.from_file(dictionary)
+    return quadrotor.dictionary(dictionary, log.states) if platform == "quadrotor" else f"{dictionary}_{platform}"
+
+
+def lifting(log, platform, dictionary):
+    """What bridge.Estimator takes of a --dictionary, for the states of a log."""
+    n = log.x.shape[1]
+    if platform == "quadrotor" and dictionary in dictionaries.BUILT_IN:
+        return given(log, platform, dictionary).own(n)
+    return dictionaries.named(dictionary, platform, n)
+
+
+def told_states(log):
+    """The states of a quadrotor's log, which depend on what it has; of other platforms nothing."""
+    return f"; states {', '.join(log.states)}" if getattr(log, "states", ()) else ""
+
+
+def offline_fit(log, platform, dictionary, precision=64, p0=None, usable=None):
     """Estimator fitted with lambda = 1 over the usable steps; p0 is one over the ridge. dictionary: as --dictionary."""
-    lifting = dictionaries.named(dictionary, platform, log.x.shape[1])
-    estimator = bridge.Estimator(lifting, "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
+    p0 = INVERSE_RIDGE[platform] if p0 is None else p0
+    lifts = lifting(log, platform, dictionary)
+    estimator = bridge.Estimator(lifts, "none", precision, form="sqrt", n_inputs=log.u.shape[1], p0=p0)
     usable = log.usable if usable is None else usable
     dictionaries.check(estimator, log.x, np.append(usable, False) | np.append(False, usable), dictionary)
     estimator.replay(log.x, log.u[:-1], usable=usable, traces=())
@@ -104,7 +130,7 @@ def run_log(path, out, platform=None, dictionary=None):
     jobs = [(method, *variant) for method in methods for variant in VARIANTS if online[method] or not variant[-1]]
     for method, form, precision, gate in progress(jobs, Path(path).stem):
         estimator = bridge.Estimator(
-            dictionaries.named(method.dictionary, platform, log.x.shape[1]), method.regulator if online[method] else "none", precision, form=form,
+            lifting(log, platform, method.dictionary), method.regulator if online[method] else "none", precision, form=form,
             n_inputs=log.u.shape[1], lam=LAMBDA[platform], delta=delta[method.dictionary], gate=gate,
         )  # fmt: skip
         estimator.theta = offline[method.dictionary]

@@ -10,6 +10,7 @@ PIP_OPTIONS := --quiet --disable-pip-version-check
 JOBS := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 export TINYKOOP_FORMAT := $(FORMAT)
 UPDATED := $(if $(UPDATE),--update)
+FLOWN = $(or $(DATA),$(if $(filter quadrotor,$(PLATFORM)),$(wildcard ../shared/data/crazyflie)))
 OWN := $(if $(DICTIONARY),--dictionary "$(DICTIONARY)")
 
 # $(call install,ENVIRONMENT,FILES): installs the packages of requirements files; without network it prints one line.
@@ -81,8 +82,8 @@ learn: build ## one-step learning of the differential drive (DDR), the paper's t
 control: build ## DDR Koopman-MPC tracking, the paper's table: control.json
 	@$(TINYKOOP) control $(UPDATED)
 
-transfer: build ## flapping wing across flight regimes, the paper's table (DATA=dir of own flights, pitch*.csv and yaw*.csv): transfer.json
-	@$(TINYKOOP) transfer $(if $(DATA),--data "$(DATA)") $(UPDATED)
+transfer: build ## flapping wing across flight regimes, the paper's table (DATA=dir of own flights, pitch*.csv and yaw*.csv), or PLATFORM=quadrotor before and after a change (DATA=labelled flights, else ../shared/data/crazyflie if it is there): transfer.json, transfer_quadrotor.json
+	@$(TINYKOOP) transfer $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(FLOWN),--data "$(FLOWN)") $(UPDATED)
 
 real: build ## real logs replayed and, of drives, diagnosed (DATA="logs or folders of logs"): real.json
 	@test -n "$(DATA)" || { echo "Which logs? make real DATA=folder" >&2; exit 2; }

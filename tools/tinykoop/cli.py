@@ -125,8 +125,12 @@ def _paper(add):
     learn = add("learn", "one-step learning of the DDR, the paper's table")
     add("control", "Koopman-MPC tracking of the DDR, the paper's table")
     add("ledger", "the paper's claims, each with our figure and a verdict")
-    transfer = add("transfer", "the flapping wing across flight regimes, the paper's table")
-    transfer.add_argument("--data", type=Path, help="folder of flights of your own, pitch*.csv and yaw*.csv, beside the simulated ones")
+    transfer = add("transfer", "a model of other flights goes on learning, the paper's table")
+    transfer.add_argument(
+        "--platform", choices=("fwmav", "quadrotor"), default="fwmav", help="fwmav: across flight regimes; quadrotor: healthy and changed"
+    )
+    own = "folder of real flights beside the simulated ones; fwmav: pitch*.csv and yaw*.csv; quadrotor: with labels.csv"
+    transfer.add_argument("--data", type=Path, help=own)
     real = add("real", "real logs replayed and, of drives, diagnosed: the figures of the docs on real robots")
     real.add_argument("--data", type=Path, nargs="+", required=True, help="logs, or folders of logs")
     flights = add("flights", "real quadrotor flights with known causes: what is said of each, beside peers")
@@ -294,9 +298,9 @@ def dispatch(a):
 
         convert.run(a.source, a.csv, a.platform, a.format, a.rate, a.map, a.damaged)
     elif a.command == "transfer":
-        from .experiments import transfer
+        from .experiments import transfer, transfer_quadrotor
 
-        transfer.run(a.out, a.data, a.update)
+        {"fwmav": transfer, "quadrotor": transfer_quadrotor}[a.platform].run(a.out, a.data, a.update)
     elif a.command == "real":
         from .experiments import real
 

@@ -22,10 +22,9 @@ CUTOFF = 3.0  # Hz
 FIT, CALIBRATE = 0.2, 0.2  # shares of the source regime
 ETA = 0.75
 INVERSE_RIDGES = tuple(10.0**k for k in range(-4, 9))
-DELTA, LAMBDA = 1.0, 0.995  # paper, section "Comparison Protocol"
+DELTA = 1.0  # paper, section "Comparison Protocol"
 REGIMES = {"P": "pitch", "Y": "yaw"}  # what the names of their logs begin with
 SECONDS, SEEDS = 40, {"P": (1,), "Y": (2,)}  # of the synthetic flights
-DIRECTIONS = (("P", "P"), ("Y", "Y"), ("P", "Y"), ("Y", "P"))
 PRECISIONS = (64, 32)
 FORM = "sqrt"
 
@@ -53,11 +52,21 @@ class Flight:
     u: np.ndarray
     usable: np.ndarray
     dt: float
+    states: tuple = ()  # of a quadrotor
 
     def part(self, first, last):
         """Which steps lie between two shares of the usable ones."""
         order = np.cumsum(self.usable) / max(self.usable.sum(), 1)
         return self.usable & (order > first) & (order <= last)
+
+
+def directions(regimes):
+    """[(regime that is fitted, regime that is learned on)] of two regimes, those within one first."""
+    a, b = regimes
+    return [(a, a), (b, b), (a, b), (b, a)]
+
+
+DIRECTIONS = directions(REGIMES)
 
 
 def filtered(log, cutoff=CUTOFF):
@@ -72,7 +81,8 @@ def joined(logs, cutoff=CUTOFF):
     """One Flight of several logs of the same regime."""
     parts = [filtered(log, cutoff) for log in logs]
     usable = [np.append(log.usable, False) for log in logs]
-    return Flight(np.concatenate([x for x, _ in parts]), np.concatenate([u for _, u in parts]), np.concatenate(usable)[:-1], logs[0].dt)
+    x, u = (np.concatenate(columns) for columns in zip(*parts))
+    return Flight(x, u, np.concatenate(usable)[:-1], logs[0].dt, getattr(logs[0], "states", ()))
 
 
 def read(folder):
@@ -101,7 +111,7 @@ def innovations(estimator, flight):
     return np.linalg.norm(psi[1:] - predicted, axis=1)
 
 
-def models(flight):
+def models(flight, platform):
     """{dictionary: (Theta, calibrated delta)} of a source regime.
 
     The ridge is the power of ten that predicts the calibration part best: the offline model is to be as good as it can be
@@ -111,40 +121,43 @@ def models(flight):
     for dictionary in ("poly", "rbf"):
         candidates = []
         for p0 in INVERSE_RIDGES:
-            estimator = replay.offline_fit(flight, "fwmav", dictionary, usable=fit, p0=p0)
+            estimator = replay.offline_fit(flight, platform, dictionary, usable=fit, p0=p0)
             scores = innovations(estimator, flight)[calibration]
             candidates.append((float(scores.mean()), estimator.theta, bridge.threshold(scores, ETA)))
         out[dictionary] = min(candidates, key=lambda c: c[0])[1:]
     return out
 
 
-def learned(method, precision, theta, delta, flight, scored):
+def learned(method, precision, theta, delta, flight, scored, platform):
     """Trace of one method that begins at theta."""
     online = method.regulator != "offline"
     estimator = bridge.Estimator(
-        f"{method.dictionary}_fwmav", method.regulator if online else "none", precision, form=FORM,
-        n_inputs=flight.u.shape[1], lam=LAMBDA, delta=delta,
+        replay.lifting(flight, platform, method.dictionary), method.regulator if online else "none", precision, form=FORM,
+        n_inputs=flight.u.shape[1], lam=replay.LAMBDA[platform], delta=delta,
     )  # fmt: skip
     estimator.theta = theta
     return estimator.replay(flight.x, flight.u[:-1], usable=scored, learn=online)
 
 
-def transfers(name, flights):
-    """Rows of transfer.json of one source of flights, and the traces {(direction, method): trace} of float64, delta = 1."""
-    fitted = {regime: models(flight) for regime, flight in flights.items()}
+def transfers(name, flights, platform="fwmav", thresholds=(False, True)):
+    """Rows of transfer.json of one source of flights, and the traces {(direction, method): trace} of float64, delta = 1.
+
+    thresholds: of dead zones, whether they are calibrated.
+    """
+    fitted = {regime: models(flight, platform) for regime, flight in flights.items()}
     rows, traces = [], {}
     jobs = [
         (direction, method, precision, calibrated)
-        for direction in DIRECTIONS
+        for direction in directions(flights)
         for method in scenario.METHODS
         for precision in PRECISIONS
-        for calibrated in ((False, True) if method.regulator in bridge.dead_zones() else (False,))
+        for calibrated in (thresholds if method.regulator in bridge.dead_zones() else (False,))
     ]
     for (source, target), method, precision, calibrated in progress(jobs, name):
         theta, own = fitted[source][method.dictionary]
         delta, flight = own if calibrated else DELTA, flights[target]
         scored = flight.part(FIT + CALIBRATE if source == target else 0, 1)
-        trace = learned(method, precision, theta, delta, flight, scored)
+        trace = learned(method, precision, theta, delta, flight, scored, platform)
         online, gates = method.regulator != "offline", method.regulator in bridge.dead_zones()
         rows.append(
             {

@@ -8,7 +8,7 @@ import tinykoop as tk
 from tinykoop import bridge, platforms
 from tinykoop.bridge.quadrotor import QUADROTOR_STATE
 from tinykoop.diagnose.platforms.quadrotor.features import STATES
-from tinykoop.experiments import scenario
+from tinykoop.experiments import real, scenario
 from tinykoop.logs import choose, fit, quadrotor, replay
 from tinykoop.plumbing.errors import UserError
 
@@ -121,6 +121,11 @@ def test_replay_of_a_flight_beats_a_state_that_stays_in_both_precisions(files, t
         root, narrow = (table[label]["sqrt", bits, False]["mean_error"] for bits in (64, 32))
         assert root < 0.95 * stays and narrow == pytest.approx(root, rel=1e-3)
     assert json.loads((tmp_path / f"replay_{name}.json").read_text())[0]["method"] == replay.NOTHING
+
+
+def test_real_flights_without_a_drive_are_replayed(files, tmp_path):
+    replays, rows = real.run(tmp_path, [files / "lacking.csv"])
+    assert [part[0]["source"] for part in replays] == ["lacking"] and rows == json.loads((tmp_path / "real.json").read_text()) == []
 
 
 def test_threshold_is_the_quantile_of_innovations_of_the_flights_second_fifth(files, tmp_path):

@@ -181,12 +181,13 @@ def run(out, data, update=False):
     out, found = output_folder(out), logs(data)
     replays = [replay.run_log(path, out) for path in found]
     driven = [path for path in found if platforms.of_log(path) == "ddr"]
-    rows, choices = [diagnosed(path, out) for path in driven], chosen(driven, out)
+    rows, choices = [diagnosed(path, out) for path in driven], chosen(driven, out) if driven else []
     write_json(out / "real.json", [*rows, *choices])
     if update:
         worst = max(replays, key=lambda rows: _float32(rows)[1])
         pages.update("docs/learning.md", "replay", float32_page(replays) + "\n" + replay_page(worst))
         pages.update("docs/assurance.md", "gate", gate_page(replays))
+    if update and driven:
         pages.update("docs/diagnose.md", "real", gap_page(rows))
         pages.update("docs/learning.md", "regret", regret_page(choices))
     return replays, rows

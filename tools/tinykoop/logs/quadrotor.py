@@ -7,7 +7,6 @@ the log lacks is left out, so that the state of a log without pitch and gyro is 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from .. import bridge
 from ..diagnose.platforms.quadrotor.features import AIRBORNE, MIX, SMOOTH, STATES, TRIMMED, runs, smoothed
@@ -96,8 +95,10 @@ def _columns(log):
 
 def _lagged(asked, dt):
     """What the rotors give (K, 4): the requests with first-order lag, up to the row before."""
-    keeps = np.exp(-dt / LAG)
-    return signal.lfilter([0, 1 - keeps], [1, -keeps], asked, axis=0)
+    out, share = np.zeros_like(asked), 1 - np.exp(-dt / LAG)
+    for k in range(1, len(asked)):
+        out[k] = out[k - 1] + share * (asked[k - 1] - out[k - 1])
+    return out
 
 
 def learned(log, path="the log"):

@@ -37,7 +37,7 @@ def legs():
 def files(tmp_path_factory, legs):
     """A log with all columns, and one without those that a Crazyflie's lacks."""
     folder = tmp_path_factory.mktemp("quadrotor")
-    for name, log in (("whole", bridge.quadrotor("mixed", 16, 2)[0]), ("lacking", without(legs[0], CRAZYFLIE))):
+    for name, log in (("whole", bridge.quadrotor("mixed", 12, 2)[0]), ("lacking", without(legs[0], CRAZYFLIE))):
         bridge.write_log(folder / f"{name}.csv", log.x, log.u, log.dt, "quadrotor")
     return folder
 
@@ -112,15 +112,20 @@ def test_dictionaries_are_products_and_gaussians_of_the_states():
         np.testing.assert_allclose(learner.lift(x), np.column_stack([x, *expected]), rtol=1e-12)
 
 
+@pytest.fixture(scope="module")
+def replays(files):
+    return {name: replay.run_log(files / f"{name}.csv", files / "out") for name in ("whole", "lacking")}
+
+
 @pytest.mark.parametrize("name", ["whole", "lacking"])
-def test_replay_of_a_flight_beats_a_state_that_stays_in_both_precisions(files, tmp_path, name):
-    rows = replay.run_log(files / f"{name}.csv", tmp_path)
+def test_replay_of_a_flight_beats_a_state_that_stays_in_both_precisions(files, replays, name):
+    rows = replays[name]
     assert {row["method"] for row in rows[1:]} == {method.label for method in scenario.METHODS}
     stays, table = rows[0]["mean_error"], dict(replay.by_method(rows))
     for label in ("Poly", "Poly (DZ-CS)", "Poly (SIFt)", "RBF", "RBF (CT)"):
         root, narrow = (table[label]["sqrt", bits, False]["mean_error"] for bits in (64, 32))
         assert root < 0.95 * stays and narrow == pytest.approx(root, rel=1e-3)
-    assert json.loads((tmp_path / f"replay_{name}.json").read_text())[0]["method"] == replay.NOTHING
+    assert json.loads((files / "out" / f"replay_{name}.json").read_text())[0]["method"] == replay.NOTHING
 
 
 def test_real_flights_without_a_drive_are_replayed(files, tmp_path):
@@ -128,7 +133,7 @@ def test_real_flights_without_a_drive_are_replayed(files, tmp_path):
     assert [part[0]["source"] for part in replays] == ["lacking"] and rows == json.loads((tmp_path / "real.json").read_text()) == []
 
 
-def test_threshold_is_the_quantile_of_innovations_of_the_flights_second_fifth(files, tmp_path):
+def test_threshold_is_the_quantile_of_innovations_of_the_flights_second_fifth(files, replays):
     """By NumPy: ridge regression on the first fifth."""
     log, _ = replay.load(files / "lacking.csv")
     own = quadrotor.dictionary("poly", log.states).own(len(log.states))
@@ -138,8 +143,7 @@ def test_threshold_is_the_quantile_of_innovations_of_the_flights_second_fifth(fi
     ridge = np.eye(now.shape[1]) / replay.INVERSE_RIDGE["quadrotor"]
     theta = np.linalg.solve(now[first].T @ now[first] + ridge, now[first].T @ after[first])
     scores = np.linalg.norm(after - now @ theta, axis=1)[second]
-    rows = replay.run_log(files / "lacking.csv", tmp_path)
-    (delta,) = {row["delta"] for row in rows if row.get("delta") and row["dictionary"] == "poly"}
+    (delta,) = {row["delta"] for row in replays["lacking"] if row.get("delta") and row["dictionary"] == "poly"}
     assert np.mean(scores <= delta) == pytest.approx(0.75, abs=2 / len(scores))
 
 

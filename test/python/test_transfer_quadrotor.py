@@ -24,7 +24,7 @@ def rows(tmp_path_factory):
         )
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(changed, "SECONDS", 12)
+        patch.setattr(changed, "SECONDS", 10)
         patch.setattr(changed, "FLIGHTS", 1)
         patch.setattr(changed, "CHANGES", {"weak": "rotor3_thrust=-0.25"})
         patch.setattr(transfer, "INVERSE_RIDGES", (1.0, 100.0))

@@ -313,6 +313,17 @@ def test_the_base_makes_the_vehicle_hover_at_the_requests_of_healthy_flights():
     assert np.abs(states[-1, bridge.QUADROTOR_STATE["spin"]]).max() < 5e-3
 
 
+def test_the_noise_floor_of_another_day_is_what_a_trim_of_that_size_makes():
+    """Of half a second of roll: no more than with nothing against the trim, no less than with air that the observer takes it for."""
+    log, sd, t, lasts = flown(kind="hover"), np.array([0.0, 0.02, 0.0, 0.0]), 50 * DT, 0.3
+    found = np.median(path.of_days(path.Path(log), sd)["attitude"][:, -1])
+    moment = VEHICLE["mass"] * features.GRAVITY * VEHICLE["arm"] / np.sqrt(2) * 0.02
+    free, held = t**2 / 2, t**2 / 2 - lasts * t + lasts**2 * (1 - np.exp(-t / lasts))
+    assert held < found / (moment / VEHICLE["inertia_x"]) < free
+    assert np.median(path.of_days(path.Path(log), 2 * sd)["attitude"][:, -1]) == pytest.approx(2 * found, rel=0.1)
+    assert path.of_days(path.Path(log), 0 * sd)["attitude"].max() == 0
+
+
 def test_turning_by_steps_separates_a_weak_rotor_from_a_weight_and_hovering_does_not():
     lever = VEHICLE["arm"] / np.sqrt(2)
     weight = ("payload", (("mass", 0.003), ("x", -lever), ("y", lever)))

@@ -50,6 +50,11 @@ class Changes:
         rotors = np.mean([one.rotors for one in self.healthy], axis=0)
         return causes.Healthy(float(rotors.mean()), rotors, self.vehicle, self.flight)
 
+    @property
+    def spread_of_requests(self):
+        """By how much thrust, roll, pitch and yaw (4,) of healthy flights differ, in 1 of the mean request."""
+        return self.baseline.spread[:4] / self._as_healthy.mean
+
     def difference(self, one):
         """(d (F,), its variances (F,)) from a healthy flight."""
         d, variances = self.flight.values - one.values, self.baseline.spread**2 + self.flight.errors**2

@@ -62,7 +62,7 @@ def _diagnosed(changes, along, others, fresh, own, healthy):
     effects, open_ = _effects(changes, along)
     causes = _acting([*effects, *open_], along.vehicle)
     before, after = along.errors(), along.errors(causes)
-    floor = _floor(along, before, others)
+    floor = _floor(along, changes, others)
     before, after = (_within_reach(errors, floor) for errors in (before, after))
     found = SimpleNamespace(path=along, starts=along.starts, before=before, after=after, floor=floor)
     left = _left(changes, before, floor, along)
@@ -84,7 +84,7 @@ def _diagnosed(changes, along, others, fresh, own, healthy):
     report["suggested_excitation"] = f"{advice['drive']}: {advice['words']}" if advice else ""
     result = Diagnosis(report, found, {"changes": changes})
     if fresh is not None:
-        compare(report, _on_fresh(causes, effects, fresh, along, others))
+        compare(report, _on_fresh(causes, effects, path.Path(fresh, along.vehicle, along.base), changes, others))
     return result
 
 
@@ -111,10 +111,12 @@ def _acting(effects, vehicle):
     return out
 
 
-def _floor(along, before, others):
-    """{gap: errors (S, H)} that healthy flights have, too."""
+def _floor(along, changes, others):
+    """{gap: errors (S, H)} that healthy flights have, too; those of the vehicle itself also by how days differ."""
     least = path.floor_of(others, along.gaps)
-    return {gap: np.broadcast_to(least[gap], before[gap].shape) for gap in along.gaps}
+    days = path.of_days(along, changes.spread_of_requests) if changes.baseline.own else dict.fromkeys(along.gaps, 0.0)
+    shape = len(along.starts), len(ahead.HORIZONS)
+    return {gap: np.broadcast_to(np.hypot(least[gap], ahead.rms(np.broadcast_to(days[gap], shape))), shape) for gap in along.gaps}
 
 
 def _within_reach(errors, floor):
@@ -184,10 +186,9 @@ def _not_testable(changes):
     return [effect for effect in bridge.effects(name) if effect not in changes.without and (effect not in told or effect in hidden)]
 
 
-def _on_fresh(causes, effects, fresh, along, others):
+def _on_fresh(causes, effects, there, changes, others):
     """The `fresh` of the report, on another flight: nothing is fitted there."""
-    there = path.Path(fresh, along.vehicle, along.base)
     before, after = there.errors(), there.errors(causes)
-    floor = _floor(there, before, others)
+    floor = _floor(there, changes, others)
     before, after = (_within_reach(errors, floor) for errors in (before, after))
     return {**gaps(there, before, after, floor), "effects": [{**e, "acts": True} for e in effects]}

@@ -91,6 +91,17 @@ def floor_of(paths, gaps):
     return {gap: ahead.rms(np.concatenate([e[gap] for e in errors if gap in e] or [none[None]])) for gap in gaps}
 
 
+def of_days(along, spread):
+    """{gap: errors (S, H)} of a flight of another day: thrust and trim differ by `spread`, thrust, roll, pitch and yaw, in 1 of the mean
+    request."""
+    numbers, plain = bridge.quadrotor_vehicle(along.vehicle), along.missed()
+    weight, lever = numbers["mass"] * GRAVITY, numbers["arm"] * np.sqrt(0.5)
+    moments = np.diag([weight * lever, weight * lever, weight * numbers["torque_per_thrust"]]) @ np.diag(spread[1:4])
+    differ = [bridge.Effect("thrust_gain", (float(spread[0]),)), *(bridge.Effect("trim", tuple(map(float, row))) for row in moments)]
+    moved = [(along.missed((effect,)) - plain) ** 2 for effect in differ]
+    return {gap: np.sqrt(sum(part[..., list(columns)].sum(-1) for part in moved)) for gap, (_, columns) in along.gaps.items()}
+
+
 @lru_cache(maxsize=4)
 def simulated(vehicle):
     """Paths of healthy simulated flights, one of each kind."""

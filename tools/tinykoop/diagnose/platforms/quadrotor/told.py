@@ -1,6 +1,7 @@
 """What a report says of a flight of a quadrotor: its phrases, the vehicle from above, and what differs from healthy flights."""
 
 import math
+from dataclasses import replace
 
 from ...report.figures import bars
 from ...report.story import Section, Table, Teller
@@ -54,6 +55,10 @@ PHRASES = {f"rotor{i}_thrust": _rotor(i) for i in PLACES} | {
     "vibration": lambda p: f"the sensors are shaken {percent_of(p['a'])} {signed(p['a'], 'more', 'less')} than on healthy flights",
 }  # fmt: skip
 
+BARS = (
+    "RMS errors of predictions, each from what an observer made of the rows before. The noise floor is the error on healthy flights. "
+    "Closed: the share of the error above it that the effects remove, with its 95 % interval in parentheses."
+)
 FEATURES = ("feature", "this flight", "healthy", "healthy flights differ by", "difference")
 
 
@@ -100,18 +105,26 @@ class Flight(Teller):
     def _smallest(self):
         """What would have shown."""
         smallest = self.report["smallest"]
-        if self.effects or not smallest:
+        if self.report["verdict"] != "none" or not smallest:
             return []
-        rotors = [real(smallest[f"rotor{i}_thrust"]) for i in PLACES]
+        rotors = [percent(smallest[f"rotor{i}_thrust"]) for i in PLACES]
+        loss = " to ".join(dict.fromkeys([min(rotors), max(rotors)]))
         return [
-            f"Not detectable in this flight: the smallest loss of thrust of one rotor that would show is {percent(min(rotors))} to "
-            f"{percent(max(rotors))}, the smallest weight above a rotor {_grams(smallest[PAYLOAD])}."
+            f"A smaller change is not detectable in this flight: the smallest loss of thrust of one rotor that would show is {loss}, the "
+            f"smallest weight above a rotor {_grams(smallest[PAYLOAD])}."
         ]
 
     def next_step(self):
         if self.report["verdict"] != "known":
             return super().next_step()
         return "Next: repair the vehicle, or add this to your simulator, and diagnose a fresh flight."
+
+    def head(self):
+        return replace(super().head(), note=BARS if self.fitted else "")
+
+    def much(self):
+        section = super().much()
+        return replace(section, note=section.note.replace(" on held-out rows", ""))
 
     # ---- sections --------------------------------------------------------------------------------
 

@@ -382,3 +382,42 @@ def test_bad_flights_are_refused_in_one_line(tinykoop, tmp_path):
         bridge.write_log(tmp_path / f"{case}.csv", x, u, dt, "quadrotor")
         done = tinykoop("diagnose", tmp_path / f"{case}.csv", "--robot", "quadrotor", "--out", tmp_path)
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and words in done.stderr
+
+
+def _damaged(random, log):
+    """A log with something wrong, as columns that are absent, stuck, scaled, late or cut off, and requests that are lost or loud."""
+    x, u = log.x.copy(), log.u.copy()
+    kind, column, rotor, k = random.integers(8), random.integers(15), random.integers(4), random.integers(max(len(x) - 300, 1))
+    if kind == 0:
+        x[:, random.random(15) < 0.5] = np.nan
+    elif kind == 1:
+        x[:, column] *= random.choice([0, 1e3, 1e6, -1])
+    elif kind == 2:
+        u[:, rotor] = random.choice([0, 0.5, 1])
+    elif kind == 3:
+        u[:, :4] = np.clip(u[:, :4] + random.normal(0, 0.3, (len(u), 4)), 0, 1)
+    elif kind == 4:
+        x[k : k + 100], u[k + 150 : k + 160, :4] = np.nan, np.nan
+    elif kind == 5:
+        x, u = x[k : k + 300], u[k : k + 300]
+    elif kind == 6:
+        x = np.roll(x, 7, axis=0)
+    else:
+        u[:, :4], u[:, 4] = np.clip(1.4 * u[:, :4], 0, 1), np.nan
+    return replace(log, t=log.t[: len(x)], x=x, u=u, usable=log.usable[: len(x) - 1])
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_a_damaged_log_gives_a_report_or_one_line(seed):
+    random = np.random.default_rng(seed)
+    log = flown(kind=("mixed", "legs")[seed % 2])
+    for _ in range(2):
+        log = _damaged(random, log)
+    healthy = [flown(kind="legs")] if seed % 3 == 0 else []
+    try:
+        result = quadrotor.diagnose(log, healthy=healthy)
+    except UserError as refused:
+        assert "record a flight" in str(refused)
+    else:
+        told = quadrotor.Teller(result).story()
+        assert told.sentence and result.report["verdict"] in ("none", "known", "partly", "unknown")

@@ -34,7 +34,8 @@ def advise(changes, ambiguous, vehicle):
 def _both(changes, name, rival):
     """The two causes as effects, each as large as the flight has it; None if they are not of the balance."""
     posterior = changes.posteriors.get("balance")
-    found = [next((s for s in posterior.sized if s.causes == (one,)), None) for one in (name, rival)] if posterior else [None]
+    sized = [s for s in posterior.sized if s.weights.sum() > 0] if posterior else []
+    found = [next((s for s in sized if s.causes == (one,)), None) for one in (name, rival)]
     if None in found:
         return None
     return tuple((s.causes[0], tuple(sorted((n, value) for n, (value, _) in s.params()[s.causes[0]].items()))) for s in found)

@@ -209,7 +209,8 @@ typedef struct KOOP(regulator) {
 	 * is the norm |psi_next - Theta zeta|. The work vectors may be overwritten, as by form->diagonal(). A status
 	 * other than KOOP_OK, of this call and of those below, refuses the sample. */
 	int (*decide)(struct KOOP(rls) *rls, KOOP_REAL innovation, KOOP(step) *step);
-	int forgets; /* 1: forgets exponentially in all directions: the memory is 1 / (1 - lambda) samples */
+	int forgets; /* 1: with its least settings it forgets at every sample, in all directions: the memory is
+	              * 1 / (1 - lambda) samples. 0 if it may stop forgetting for long */
 	const KOOP(setting) *settings; /* n_settings of them */
 	size_t n_settings;
 	const void *defaults; /* struct of settings for config.settings = null; required if there are settings */

@@ -8,7 +8,7 @@ void reference_start(reference *r, const estimator *e) {
 	static const char *const known[] = {"none", "ef", "dz_cs", "dz_ks", "ct", "sift"};
 	int found = 0;
 	for (size_t i = 0; i < sizeof known / sizeof *known; i++) { found |= strcmp(r->regulator, known[i]) == 0; }
-	CHECK(found, "test/c/reference.c has no recursion of '%s': write it there", r->regulator);
+	CHECK(found, "test/c/reference.c has no recursion of '%s': write it there, and add it to `known`", r->regulator);
 	r->lambda = strcmp(r->regulator, "none") == 0 ? 1 : (wide)e->config.lambda;
 	r->delta = (wide)e->dead_zone.delta;
 	r->tau0 = e->trace.tau0 > 0 ? (wide)e->trace.tau0 : (wide)e->config.p0 * (wide)r->d;

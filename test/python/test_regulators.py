@@ -1,12 +1,14 @@
 """Every regulator that lib/ lists, whatever it is: a new one is tested by being listed."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
 from tinykoop import bridge
 from tinykoop.experiments import scenario
 from tinykoop.plumbing import plots, sources
+from tinykoop.plumbing.checkout import ROOT
 from tinykoop.plumbing.errors import UserError
 
 NAMES = bridge.regulator_names()
@@ -59,3 +61,25 @@ def test_a_setting_of_another_regulator_changes_nothing(drive):
     plain, other = (bridge.Estimator("poly_ddr", "ct", 64, **given) for given in ({}, {"delta": 1e3, "eps_sift": 1.0}))
     plain.replay(*drive), other.replay(*drive)
     assert (plain.theta == other.theta).all()
+
+
+def test_every_regulator_that_is_defined_is_listed_and_compiled():
+    """A name that is forgotten in the list would leave its regulator untested and unused."""
+    files = sorted((ROOT / "lib/src").glob("regulator_*.c"))
+    defined = [name for file in files for name in re.findall(r"^const KOOP\(regulator\) KOOP\(reg_(\w+)\)", file.read_text(), re.M)]
+    assert sorted(defined) == sorted(NAMES)
+    included = (ROOT / "lib/src/all.h").read_text()
+    assert [file.name for file in files if f'#include "{file.name}"' not in included] == []
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+@pytest.mark.parametrize("name, setting", SETTINGS)
+def test_learns_at_the_ends_of_its_settings(name, setting, end, drive):
+    """Or is refused, where the other settings forbid that end."""
+    try:
+        estimator = bridge.Estimator("poly_ddr", name, 64, form="sqrt", check=bridge.CHECK_REFUSE, **{setting.name: getattr(setting, end)})
+    except UserError as refused:
+        assert "outside its range" in str(refused)
+        return
+    trace = estimator.replay(*drive)
+    assert np.isfinite(trace["error"]).all() and np.isfinite(estimator.theta).all()

@@ -321,7 +321,9 @@ def draw(path, order, found, sure):
     shown = shortlist(order)
     figure, ax = plots.subplots(1, 1, figsize=(9, 0.34 * len(shown) + 1.6))
     for i, setting in enumerate(shown):
-        ax.barh(i, found[setting], color="0.85", edgecolor="k", hatch=plots.HATCHES.get(setting.regulator, ""))
+        ax.barh(
+            i, found[setting], color="0.85", edgecolor="k", hatch="" if setting.regulator == AVERAGE else plots.HATCHES[setting.regulator]
+        )
         ax.text(found[setting], i, f" {found[setting]:.2f}", va="center")
     ax.set_yticks(range(len(shown)), [setting.label for setting in shown])
     ax.invert_yaxis()

@@ -207,6 +207,11 @@ def _method(row):
     return scenario.Method(row["dictionary"], row["regulator"]) if "regulator" in row else None
 
 
+def _hatch(row):
+    """Of a bar: that of its regulator; none where nothing is learned."""
+    return plots.HATCHES[row["regulator"]] if row.get("regulator") else ""
+
+
 def draw(path, rows, errors, log, scored):
     """Error over time of a few, mean error of all in float64 and float32."""
     table = by_method(rows)
@@ -231,7 +236,7 @@ def draw(path, rows, errors, log, scored):
     limit = 20 * max(v.get(None, v.get(VARIANTS[0]))["mean_error"] for _, v in table)
     for i, (_, variants) in enumerate(table):
         row = variants.get(None) or variants[VARIANTS[0]]
-        right.barh(i, row["mean_error"], color="0.85", edgecolor="k", hatch=plots.HATCHES.get(row.get("regulator"), ""))
+        right.barh(i, row["mean_error"], color="0.85", edgecolor="k", hatch=_hatch(row))
         for key, marker in zip(VARIANTS[1:3], ("x", "o")):
             if key in variants:
                 value = min(variants[key]["mean_error"], limit)

@@ -46,7 +46,7 @@ def flown(manoeuvre="hover", lacks=(), active=(), seed=2, seconds=20):
 def weight(log, active, gain):
     """Sum of the squares of the innovations of the rows that the observer knows, each channel in its own deviation."""
     missed = vehicle.follower(log, gain)(active)[0][vehicle.settled(log)]
-    return np.nansum(missed**2 / vehicle._noise(log), axis=0).sum()
+    return np.nansum(missed**2 / vehicle.noise_of(log), axis=0).sum()
 
 
 EFFECTS = [name for name, (block, _) in bridge.effects("quadrotor").items() if block != "sensor"]

@@ -82,7 +82,7 @@ def _variance(rows, unknown):
     return np.where(counts >= FEWEST, np.sum(rows**2, axis=0) / counts - (rows.sum(axis=0) / counts) ** 2, unknown)
 
 
-def _noise(log):
+def noise_of(log):
     """Variance (15) of the white noise of each channel, by its second differences; NaN where the log has none."""
     x = log.x.copy()
     known = np.isfinite(x)
@@ -114,7 +114,7 @@ def observer_gain(log, vehicle="crazyflie"):
     """Gain (22, 15) of the stationary Kalman filter about hover, with the noise of the log; zeros for what it lacks."""
     A, C = _linear(log.dt, vehicle)
     lost = -np.expm1(-2 * log.dt / LASTING)
-    R = _noise(log)
+    R = noise_of(log)
     Q = np.diag(np.r_[_strays(log, R) + RIGID**2, np.full(6, RIGID**2), np.full(4, ROTORS**2), np.square(AIR) * lost])
     seen = np.isfinite(R)
     C, R = C[seen], np.diag(R[seen])

@@ -8,7 +8,7 @@ J. Forster, "Bayesian Inference", 2nd ed., 2004, chapters 9 and 10).
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from scipy import stats
@@ -34,13 +34,15 @@ STRONGER = 0.02  # one rotor is stronger than it was
 LOADED, SWINGS = 0.06, 0.02  # a weight was added; on a string
 ALL_ROTORS, TRIMMED, SAGS = 0.01, 0.03, 0.02  # all rotors differ, the trim, the battery
 BESIDE = 0.08  # one cause of another block
-UNKNOWN = 0.01  # something else, in each block
+UNKNOWN = 0.02  # something else, in each block
+HARDLY = 1e-4  # of a usual size, for none at all
 MISFIT = 0.01  # probability of so large a rest, below which an explanation is none
 # Usual sizes, in 1 of the mean request:
 ROTOR, LOADS, GAINS, TORQUE, LOSS = (0.06, 0.18), (0.03, 0.1), (0.08,), (0.04,), (0.1,)
 PLACE = 0.8  # of a rotor's lever, that a weight is off the centre
 SWINGING = 0.7  # logarithm by which a load on a string swings more than the air does
-WIND, DRAG, GYRO, ACCELEROMETER, LATE, SHAKES, RINGS = 1.5, 0.4, 0.05, 0.5, 0.015, 0.7, 0.5  # m/s, 1/s, rad/s, m/s^2, s, logarithms
+WIND, DRAG, GYRO, ACCELEROMETER, LATE, RINGS = 1.5, 0.4, 0.05, 0.5, 0.015, 0.5  # m/s, 1/s, rad/s, m/s^2, s, logarithm
+SHAKES = (0.7, 3.0)  # logarithms: some more or less, and hardly any vibration at all
 BLURRED = 0.006  # s, that lag is off beside it
 AS_LAG, AS_DELAY = 0.8, 0.6  # of a motor's lag, that shows as lag and as delay
 ANYTHING = {  # usual sizes of something else, requests in 1 of the mean
@@ -96,7 +98,9 @@ def explanations(healthy, block):
     found = {"balance": _balance, "air": _air, "drag": _drag, "gyro": _gyro, "accelerometer": _accelerometer, "answer": _answer}[block](healthy)  # fmt: skip
     names = BLOCKS[block]
     sizes = np.array([ANYTHING[name] * (healthy.mean if name in BLOCKS["balance"][:5] else 1.0) for name in names])
-    return [*found, Explanation((OTHER,), UNKNOWN, _units(*names), (sizes,), 0, lambda z: {OTHER: {}})]
+    # It may change each of the features or not: all sets of them are as probable
+    some = tuple(sizes * np.maximum(there, HARDLY) for there in product((0, 1), repeat=len(names)) if any(there))
+    return [*found, Explanation((OTHER,), UNKNOWN, _units(*names), some, 0, lambda z: {OTHER: {}})]
 
 
 def _balance(healthy):
@@ -175,13 +179,14 @@ def _bias(name, of, size):
 
 
 def _answer(healthy):
-    """A loop that answers late rings, which shakes the vehicle; the more it rings the less lag and delay differ."""
-    late, rings = np.array([LATE, RINGS, BLURRED]), {"vibration": 1}
+    """A loop that answers late may ring, which shakes the vehicle; the more it rings the less lag and delay differ."""
+    late, rings = tuple(np.array([LATE, size, BLURRED]) for size in (RINGS, HARDLY)), {"vibration": 1}
+    shakes = tuple(np.array([size]) for size in SHAKES)
     lag, delay = (_columns(change, rings, {"lag": 1}) for change in ({"lag": AS_LAG, "delay": AS_DELAY}, {"delay": 1}))
     return [
-        Explanation(("motor_lag",), BESIDE / 2, lag, (late,), 2, lambda z: {"motor_lag": {"tau": z[:, 0]}}),
-        Explanation(("transport_delay",), BESIDE / 2, delay, (late,), 2, lambda z: {"transport_delay": {"delay": z[:, 0]}}),
-        Explanation(("vibration",), BESIDE, _columns(rings), (np.array([SHAKES]),), 0, lambda z: {"vibration": {"a": np.expm1(z[:, 0])}}),
+        Explanation(("motor_lag",), BESIDE / 2, lag, late, 2, lambda z: {"motor_lag": {"tau": z[:, 0]}}),
+        Explanation(("transport_delay",), BESIDE / 2, delay, late, 2, lambda z: {"transport_delay": {"delay": z[:, 0]}}),
+        Explanation(("vibration",), BESIDE, _columns(rings), shakes, 0, lambda z: {"vibration": {"a": np.expm1(z[:, 0])}}),
     ]
 
 
@@ -241,10 +246,12 @@ def _normal(d, covariance):
     return float(np.exp(-0.5 * (np.linalg.solve(L, d) ** 2).sum() - np.log(L.diagonal()).sum() - 0.5 * len(d) * np.log(2 * np.pi)))
 
 
-def _one(H, positive, scale, d, S):
-    """(marginal likelihood, draws (n, p) of the sizes) for a prior of this scale and noise of covariance S."""
+def _one(H, positive, scale, d, S, drawn=True):
+    """(marginal likelihood, draws (n, p) of the sizes, none unless `drawn`) for a prior of this scale and noise of covariance S."""
     D = np.diag(scale**2)
     C = H @ D @ H.T + S
+    if not drawn:
+        return _normal(d, C), np.zeros((0, len(scale)))
     K = np.linalg.solve(C, H @ D).T
     centre, left = K @ d, D - K @ H @ D
     z = centre + _normals(len(scale)) @ np.linalg.cholesky(left + 1e-12 * D).T
@@ -261,7 +268,7 @@ def _sized(explanation, differences, known):
     total, draws, weights = 0.0, [np.zeros((0, H.shape[1]))], [np.zeros(0)]
     parts = [(scale, d, S * spread) for scale in explanation.scales for d, S in differences for spread in _spreads()]
     for part in parts:
-        likelihood, z = _one(H, explanation.positive, *part)
+        likelihood, z = _one(H, explanation.positive, *part, drawn=explanation.causes != (OTHER,))
         total += likelihood / len(parts)
         draws.append(z)
         weights.append(np.full(len(z), likelihood / max(len(z), 1)))

@@ -14,7 +14,7 @@ from .response import response
 
 # name: (unit, what it is)
 TABLE = {
-    "thrust": ("1", "mean request, over full thrust"),
+    "thrust": ("1", "mean request that carries the vehicle: times the cosine of its tilt"),
     "roll": ("1", "request of the left rotors less the right ones, over four"),
     "pitch": ("1", "request of the front rotors less the rear ones, over four"),
     "yaw": ("1", "request of rotors 1 and 3 less 2 and 4, over four"),
@@ -140,6 +140,7 @@ def _mean(values, blocks):
 def _requests(log, blocks, share):
     """Of rotors that are at their limits for a while the mean is not what balances the vehicle."""
     asked, rows = log.u[:, :4] @ MIX.T, np.concatenate(blocks)
+    asked[:, 0] *= _upright(log)
     if (np.abs(log.u[rows, :4] - 0.5) > 0.5 - EDGE).any(1).mean() > LIMITED:
         return {}
     out = {name: _mean(column, blocks) for name, column in zip(NAMES[:4], asked.T)}
@@ -149,6 +150,11 @@ def _requests(log, blocks, share):
     left = means - means.mean() - slope * around
     error = np.sqrt(left @ left / max(len(at) - 2, 1) / (around @ around)) if len(at) > 2 else np.inf
     return out | {"drift": (slope, error)}
+
+
+def _upright(log):
+    """Share (K,) of the thrust that carries the vehicle: the more it tilts, the more it is asked for; 1 for a tilt that the log lacks."""
+    return np.prod([np.cos(np.nan_to_num(log.x[:, STATES.index(angle)])) for angle in ("roll", "pitch")], axis=0)
 
 
 def _gyro(x, dt, blocks):

@@ -123,7 +123,7 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 	@$(call install,$(VENV),tools/requirements-logs.txt)
 	@touch $@
 
-blind: build $(VENV)/$(if $(ROBOT),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PEERS=no, PLATFORM=fwmav or ROBOT=car, ..): blind.json
+blind: build $(VENV)/$(if $(or $(ROBOT),$(filter quadrotor,$(PLATFORM))),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PEERS=no, PLATFORM=fwmav or quadrotor, or ROBOT=car, ..): blind.json
 	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(filter no,$(PEERS)),--no-peers) $(foreach tier,$(TIER),--tier "$(tier)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
 constants: build ## the diagnoser's constants: reason of each, and how many answers change when it is halved and doubled (N= logs of each kind, SEED=): constants.json

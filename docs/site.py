@@ -20,7 +20,7 @@ EXIT_STATUS = """`build/venv/bin/tinykoop COMMAND --help` prints the same. Exit 
 """
 CONTENTS = {
     "Tutorials": "tutorial-microcontroller tutorial-control tutorial-dictionary tutorial-diagnose own-robot tutorial-paper",
-    "Guides": "microcontroller learning control diagnose flapping-wing quadrotor logs convert",
+    "Guides": "microcontroller learning control diagnose flapping-wing quadrotor quadrotor-blind logs convert",
     "Reference": "reference command-line python glossary",
     "Results": "paper benchmarks assurance diagnose-constants quadrotor-flights",
     "Project": "contributing security changelog",

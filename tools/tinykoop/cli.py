@@ -170,10 +170,12 @@ def _firmware(add):
 
 def _assurance(add):
     blind = add("blind", "blind evaluation of the diagnoser on simulated logs with sealed labels")
-    blind.add_argument("--platform", choices=("ddr", "fwmav"), default="ddr", help="whose diagnoser")
+    blind.add_argument("--platform", choices=tuple(PLATFORMS), default="ddr", help="whose diagnoser")
     blind.add_argument("--robot", help="a robot of examples/own_robot instead, such as car")
     blind.add_argument("--inject", metavar="FLIGHT.csv", help="fwmav: inject known effects into this real flight instead")
-    blind.add_argument("--n", type=int, default=20, help="logs of each tier; of the drive's, a single one has at most 900 rows")
+    blind.add_argument(
+        "--n", type=int, default=20, help="logs of each tier (quadrotor: of each effect); of a drive, one has at most 900 rows"
+    )
     blind.add_argument("--tier", action="append", metavar="NAME", help="only this tier, may be given several times (default: all)")
     blind.add_argument("--seed", type=int, default=1, help="of all logs")
     blind.add_argument("--no-peers", action="store_true", help="drives: leave out the methods compared with, which take most of the time")
@@ -355,8 +357,8 @@ def dispatch(a):
         from .blind import flights, injected, own
         from .blind.own import campaign
 
-        if a.tier and (a.robot or a.platform != "ddr"):
-            raise UserError("--tier: only for the drive; leave out --robot and --platform, or leave out --tier")
+        if a.tier and (a.robot or a.platform == "fwmav"):
+            raise UserError("--tier: only for the drive and the quadrotor; leave out --robot and --platform, or leave out --tier")
         if a.robot:
             if a.robot not in own.ROBOTS:
                 raise UserError(f"--robot {a.robot}: no plant of its own; there are {', '.join(own.ROBOTS)}")
@@ -371,6 +373,11 @@ def dispatch(a):
             return None
         if a.platform == "fwmav":
             flights.run(a.out, a.n, a.seed, a.cluster, a.jobs, update=a.update)
+            return None
+        if a.platform == "quadrotor":
+            from .blind.quadrotor import campaign as second_quadrotor
+
+            second_quadrotor.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.tier, update=a.update)
             return None
         blind.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.tier, update=a.update, peers=not a.no_peers)
     elif a.command == "dictionary":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tinykoop import bridge
 from tinykoop.diagnose.platforms.quadrotor import advise, baseline, features
-from tinykoop.diagnose.platforms.quadrotor.changes import Changes
+from tinykoop.diagnose.platforms.quadrotor.changes import SURE, Cause, Changes
 from tinykoop.diagnose.platforms.quadrotor.features import NAMES, Features
 
 MEAN = 0.6
@@ -49,6 +49,26 @@ def test_hardly_any_vibration_is_less_vibration_and_nothing_unknown():
 def test_a_late_answer_is_named_though_nothing_rings():
     (cause,) = changes(delay=0.009).named
     assert cause.name in ("motor_lag", "transport_delay")
+
+
+def weight(**more):
+    """A weight of 6 % of the mean request near rotor 4."""
+    return changes(thrust=0.04, roll=0.03, pitch=0.02, **more)
+
+
+def test_a_weight_that_does_not_swing_may_hang_all_the_same():
+    found = weight()
+    (cause,) = found.named
+    assert cause.name == "payload" and found.rivals("payload") == ["slung_load"] and found.confidence(cause) < 0.9
+
+
+def test_a_weight_that_swings_hangs():
+    assert weight(swing=1.0).named[0].name == "slung_load"
+
+
+def test_a_late_answer_is_less_sure_with_a_weight_on_the_vehicle():
+    late = Cause("transport_delay", 0.95, 9.0, {})
+    assert (changes().confidence(late), weight().confidence(late)) == (0.95, SURE)
 
 
 def test_advice_leaves_out_a_rival_that_cannot_be():

@@ -18,6 +18,7 @@ from .features import GRAVITY, MIX, NAMES, ROTORS
 FREEDOM, SCALES = 5.0, 7  # of Student's t; normals that it is mixed of
 DRAWS = 2048
 PAYLOAD, SLUNG, GAIN, TRIM, SAG = "payload", "slung_load", "thrust_gain", "trim", "battery_sag"
+LAG, DELAY = "motor_lag", "transport_delay"
 OTHER = "other"  # something else, in any direction
 # Features that are explained together
 BLOCKS = {
@@ -113,7 +114,7 @@ def _balance(healthy):
         return {"mass": healthy.vehicle["mass"] * z[:, 0] / mean, "x": x, "y": y}
 
     loads = tuple(mean * s * np.array([1, PLACE, PLACE]) for s in LOADS)
-    swinging = tuple(np.append(scale, SWINGING) for scale in loads)
+    swinging = tuple(np.append(scale, swings) for scale in loads for swings in (SWINGING, HARDLY))  # in calm flight it hardly does
     swing = _columns({"thrust": 1}, {"roll": 1}, {"pitch": 1}, {"swing": 1})
     return [
         *_weak_rotors(healthy),
@@ -184,8 +185,8 @@ def _answer(healthy):
     shakes = tuple(np.array([size]) for size in SHAKES)
     lag, delay = (_columns(change, rings, {"lag": 1}) for change in ({"lag": AS_LAG, "delay": AS_DELAY}, {"delay": 1}))
     return [
-        Explanation(("motor_lag",), BESIDE / 2, lag, late, 2, lambda z: {"motor_lag": {"tau": z[:, 0]}}),
-        Explanation(("transport_delay",), BESIDE / 2, delay, late, 2, lambda z: {"transport_delay": {"delay": z[:, 0]}}),
+        Explanation((LAG,), BESIDE / 2, lag, late, 2, lambda z: {LAG: {"tau": z[:, 0]}}),
+        Explanation((DELAY,), BESIDE / 2, delay, late, 2, lambda z: {DELAY: {"delay": z[:, 0]}}),
         Explanation(("vibration",), BESIDE, _columns(rings), shakes, 0, lambda z: {"vibration": {"a": np.expm1(z[:, 0])}}),
     ]
 

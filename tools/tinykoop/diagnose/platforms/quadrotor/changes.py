@@ -7,7 +7,7 @@ import numpy as np
 
 from . import causes
 from .baseline import Baseline
-from .causes import BLOCKS, OTHER, PAYLOAD, SLUNG
+from .causes import BLOCKS, DELAY, LAG, OTHER, PAYLOAD, SLUNG
 from .features import NAMES, ROTORS, Features
 
 # Probability that nothing has changed, below which something is named: beside flights of the vehicle itself, of which few are known, and
@@ -130,22 +130,23 @@ class Changes:
         block = next(b for b, one in self.best.items() if name in one.causes)
         p, names = self.posteriors[block], self.best[block].causes
         likely = sorted((n for n in _names(p) if n not in names and p.of(n) >= RIVAL), key=lambda n: -p.of(n))
-        alike = self._alike(name, block) if self.baseline.own else []
+        alike = self._alike(name, block)
         order = [*alike, *likely] if len(names) == 1 else [*likely, *alike]
         open_ = [n for n in dict.fromkeys(order) if n not in (*names, *self.without, OTHER)]
         return open_[: max(MOST - len(names), 0)]
 
     def _alike(self, name, block):
-        if name.startswith("rotor"):
-            return [PAYLOAD]
+        """What asks for the same; beside the simulated vehicle, which does not differ in yaw from day to day, rotors and weights do not."""
         if name in (PAYLOAD, SLUNG):
-            return [SLUNG if name == PAYLOAD else PAYLOAD, causes.rotor(self._corner(self.best[block]))]
-        return []
+            other = SLUNG if name == PAYLOAD else PAYLOAD
+            return [other, causes.rotor(self._corner(self.best[block]))] if self.baseline.own else [other]
+        return [PAYLOAD] if name.startswith("rotor") and self.baseline.own else []
 
     def confidence(self, cause):
-        """In one cause: its probability."""
-        doubted = self.baseline.own and (cause.name.startswith("rotor") or cause.name in (PAYLOAD, SLUNG))
-        return float(min(cause.probability, SURE if doubted else 1.0))
+        """In one cause: its probability. A weight changes how the vehicle answers, above all one that swings."""
+        weights, doubted = {PAYLOAD, SLUNG}, cause.name.startswith("rotor") or cause.name in (PAYLOAD, SLUNG)
+        late = cause.name in (LAG, DELAY) and any(weights & set(one.causes) for one in self.best.values())
+        return float(min(cause.probability, SURE if late or (doubted and self.baseline.own) else 1.0))
 
     def decided(self, cause):
         """Probability that it acts, or what may be it instead."""

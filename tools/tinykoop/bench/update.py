@@ -262,7 +262,14 @@ def flight():
 
 def _estimator(dictionary, regulator, form, precision=32):
     return bridge.Estimator(
-        dictionary, regulator, precision, form=form, n_inputs=1, lam=transfer.LAMBDA, delta=transfer.DELTA, check=bridge.CHECK_DIAGONAL
+        dictionary,
+        regulator,
+        precision,
+        form=form,
+        n_inputs=1,
+        lam=replay.LAMBDA["fwmav"],
+        delta=transfer.DELTA,
+        check=bridge.CHECK_DIAGONAL,
     )
 
 
@@ -277,7 +284,7 @@ def _numpy_replay(dictionary, x, u):
         ours = _estimator(dictionary, "ef", "sqrt", precision)
         psi = ours.lift(x).astype(ours.dtype)
         zeta = np.concatenate([psi[:-1], u], axis=1, dtype=ours.dtype, casting="same_kind")
-        rls = NumpyRls(ours.dtype, ours.N, ours.d, transfer.LAMBDA, 100.0)
+        rls = NumpyRls(ours.dtype, ours.N, ours.d, replay.LAMBDA["fwmav"], 100.0)
         start = time.process_time_ns()
         for k in range(len(u)):
             rls.update(zeta[k], psi[k + 1])

@@ -4,8 +4,7 @@ import numpy as np
 from scipy import linalg
 
 from .... import bridge
-from ...prediction_errors.ahead import HORIZONS
-from ...prediction_errors.healthy import LAGS
+from ... import observed
 
 CHANNELS = ("gyro x", "gyro y", "gyro z", "accel x", "accel y", "accel z", "roll", "pitch", "yaw")
 UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3
@@ -48,19 +47,13 @@ def heading(log):
 
 
 def settled(log):
-    """Rows that the observer has come to know."""
-    since = np.zeros(len(log.x), int)
-    for k in np.flatnonzero(log.usable):
-        since[k + 1] = since[k] + 1
-    return since >= max(round(SETTLE / log.dt), 2 * LAGS)
+    """Rows (K,) that the observer has come to know."""
+    return observed.settled(log, SETTLE)
 
 
 def predictable(log):
     """Rows that the observer knows and from which the longest horizon can be predicted."""
-    run = np.zeros(len(log.x), int)
-    for k in range(len(log.usable) - 1, -1, -1):
-        run[k] = run[k + 1] + 1 if log.usable[k] else 0
-    return np.flatnonzero(settled(log) & (run >= max(HORIZONS)))
+    return observed.predictable(log, settled(log))
 
 
 # ---- the observer ------------------------------------------------------------------------------

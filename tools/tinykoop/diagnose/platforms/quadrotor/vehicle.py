@@ -4,8 +4,7 @@ import numpy as np
 from scipy import linalg
 
 from .... import bridge, platforms
-from ...prediction_errors.ahead import HORIZONS
-from ...prediction_errors.healthy import LAGS
+from ... import observed
 
 CHANNELS = platforms.COLUMNS["quadrotor"][5:]
 UNITS = tuple(platforms.UNITS[name] for name in CHANNELS)
@@ -20,25 +19,14 @@ STRAYED = 25  # rows over which place and velocity are compared with what they i
 FEWEST = 10  # rows in a row from which the noise of a channel is told
 
 
-def has(log):
-    """Channels (15) that the log has."""
-    return np.isfinite(log.x).any(axis=0)
-
-
 def settled(log):
-    """Rows that the observer has come to know."""
-    since = np.zeros(len(log.x), int)
-    for k in np.flatnonzero(log.usable):
-        since[k + 1] = since[k] + 1
-    return since >= max(round(SETTLE / log.dt), 2 * LAGS)
+    """Rows (K,) that the observer has come to know."""
+    return observed.settled(log, SETTLE)
 
 
 def predictable(log):
     """Rows that the observer knows and from which the longest horizon can be predicted."""
-    run = np.zeros(len(log.x), int)
-    for k in range(len(log.usable) - 1, -1, -1):
-        run[k] = run[k + 1] + 1 if log.usable[k] else 0
-    return np.flatnonzero(settled(log) & (run >= max(HORIZONS)))
+    return observed.predictable(log, settled(log))
 
 
 # ---- the observer ------------------------------------------------------------------------------

@@ -29,17 +29,22 @@ FWMAV_STATE = {
 _FWMAV_STATES, _FWMAV_HZ = 21, 100
 
 
+def flight_rows(seconds, seed, hz):
+    """Rows of a flight of any vehicle; refuses what cannot be flown."""
+    if not 0.03 <= seconds <= 300:
+        raise UserError(f"a flight of {seconds} s cannot be flown: the shortest log is 0.03 s, the battery lasts 300 s")
+    if not 0 <= seed < 2**64:
+        raise UserError(f"seed is {seed}, it must be between 0 and 2^64 - 1")
+    return round(seconds * hz)
+
+
 def fwmav(manoeuvre, seconds, seed, active=(), noise=1.0):
     """Simulates a flight of the flapping-wing vehicle at 100 Hz: hover, pitch (u: dihedral) or yaw (u: wing twist).
 
     seed: of the noise. active: the effects that act. noise: factor of turbulence, IMU noise and bias. Returns the Log that
     the flight controller writes, and the true states (K, 21); FWMAV_STATE names them.
     """
-    if not 0.03 <= seconds <= 300:
-        raise UserError(f"a flight of {seconds} s cannot be flown: the shortest log is 0.03 s, the battery lasts 300 s")
-    if not 0 <= seed < 2**64:
-        raise UserError(f"seed is {seed}, it must be between 0 and 2^64 - 1")
-    rows = round(seconds * _FWMAV_HZ)
+    rows = flight_rows(seconds, seed, _FWMAV_HZ)
     x, u, states = np.empty((rows, 10)), np.empty((rows, 1)), np.empty((rows, _FWMAV_STATES))
     call(
         "tk_fwmav_fly", active_effects(active), ct.c_size_t(len(active)),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..plumbing.errors import UserError
-from .flapping_wing import Flight
+from .flapping_wing import Flight, flight_rows
 from .library import DOUBLES, INTS, call, doubles, ints, raw, reals
 from .logs import Log
 from .unmodelled import active_effects, effects
@@ -98,11 +98,7 @@ def quadrotor(manoeuvre, seconds, seed, active=(), noise=1.0, vehicle="crazyflie
     seed: of the noise. active: the effects that act. noise: factor of turbulence, noise, and what flights differ by. Returns
     the Log, its x and u in the order of platforms.COLUMNS, and the true states (K, 21); QUADROTOR_STATE names them.
     """
-    if not 0.03 <= seconds <= 300:
-        raise UserError(f"a flight of {seconds} s cannot be flown: the shortest log is 0.03 s, the battery lasts 300 s")
-    if not 0 <= seed < 2**64:
-        raise UserError(f"seed is {seed}, it must be between 0 and 2^64 - 1")
-    rows = round(seconds * _HZ)
+    rows = flight_rows(seconds, seed, _HZ)
     x, u, states = np.empty((rows, QUADROTOR_SENSED)), np.empty((rows, _COMMANDS)), np.empty((rows, _STATES))
     call(
         "tk_quadrotor_fly", active_effects(active), ct.c_size_t(len(active)), doubles(parameters_of(vehicle)),

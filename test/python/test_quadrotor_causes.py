@@ -41,6 +41,14 @@ def test_a_moment_without_its_cause_in_the_library_is_something_else_and_no_stro
     assert found.unexplained == ["balance"]
 
 
+def test_a_rotor_whose_loss_grows_over_the_flight_is_known_in_part_and_with_less_confidence():
+    rotor = {"thrust": 0.02, "roll": -0.02, "pitch": 0.02, "yaw": 0.02}
+    constant, fading = changes(**rotor), changes(**rotor, roll_drift=-0.02, pitch_drift=0.02, yaw_drift=0.02)
+    assert not constant.unexplained and constant.confidence(constant.named[0]) > 0.9
+    assert fading.unexplained == ["course"] and fading.named[0].name == "rotor1_thrust"
+    assert fading.confidence(fading.named[0]) == SURE
+
+
 def test_hardly_any_vibration_is_less_vibration_and_nothing_unknown():
     (cause,) = changes(vibration=-6).named
     assert cause.name == "vibration" and cause.params["a"][0] == pytest.approx(np.expm1(-6), abs=0.01)

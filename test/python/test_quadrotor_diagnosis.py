@@ -80,7 +80,7 @@ def test_requests_of_the_rotors_are_given_back():
 def test_a_log_of_requests_alone_has_their_features_and_no_others():
     found = features.of(requests())
     known = {name for name, value in zip(features.NAMES, found.values) if np.isfinite(value)}
-    assert known == {"thrust", "roll", "pitch", "yaw", "drift"}
+    assert known == {"thrust", "roll", "pitch", "yaw", "drift", "roll drift", "pitch drift", "yaw drift"}
 
 
 def test_a_flight_without_a_steady_part_is_refused():
@@ -99,6 +99,14 @@ def test_the_drift_is_the_slope_of_the_mean_request():
     log.u[:, :4] += 0.02 * (log.t / log.t[-1])[:, None] * (log.u[:, :4] > 0)
     found = features.of(log)
     assert found.values[features.NAMES.index("drift")] == pytest.approx(0.02, abs=0.003)
+
+
+def test_the_drift_of_a_fading_rotor_is_a_quarter_of_its_rise_about_each_axis():
+    log = requests((1.0, 18.0, 1.0), noise=0.005)
+    log.u[:, 0] += 0.04 * log.t / log.t[-1] * (log.u[:, 0] > 0)
+    found = features.of(log)
+    drifts = [found.values[features.NAMES.index(f"{axis}drift")] for axis in ("", "roll ", "pitch ", "yaw ")]
+    assert drifts == pytest.approx([0.01, -0.01, 0.01, 0.01], abs=0.002)
 
 
 def test_biases_of_sensors_are_told():

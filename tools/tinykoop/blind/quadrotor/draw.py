@@ -37,8 +37,8 @@ def effects():
 
 def wanted(n):
     """[(tier, k)] of a campaign; k counts each tier's flights, and effects take turns."""
-    few, every = -(-n // 10), len(effects())
-    counts = {"none": 2 * n, "single": n * every, "left_out": few * every, "unknown": 2 * few * len(NEVER), "lacking": n}
+    some, few, every = -(-n // 4), -(-n // 10), len(effects())
+    counts = {"none": 2 * n, "single": n * every, "left_out": some * every, "unknown": 2 * few * len(NEVER), "lacking": n}
     return [(tier, k) for tier, count in counts.items() for k in range(count)]
 
 

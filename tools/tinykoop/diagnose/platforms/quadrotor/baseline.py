@@ -7,7 +7,7 @@ import numpy as np
 
 from .... import bridge
 from . import features
-from .features import NAMES
+from .features import NAMES, REQUESTS
 
 SECONDS, FIRST, EACH = 30, 1001, 8  # of simulated flights: s, first seed, of each kind
 KINDS = ("hover", "legs", "mixed")
@@ -15,16 +15,16 @@ KINDS = ("hover", "legs", "mixed")
 # request. The first four are of two sessions of healthy flights of one Crazyflie, which lie 1, 2, 1.6 and 1.3 % apart, yaw being wider
 # in the flights of its other vehicle. The others are chosen: more than simulated flights differ
 SPREAD = {
-    "thrust": 0.012, "roll": 0.02, "pitch": 0.016, "yaw": 0.02, "drift": 0.03, "swing": 0.3, "push x": 0.12, "push y": 0.12, "drag": 0.15,
+    "thrust": 0.012, "roll": 0.02, "pitch": 0.016, "yaw": 0.02, "drift": 0.03, "roll drift": 0.015,
+    "pitch drift": 0.015, "yaw drift": 0.02, "swing": 0.3, "push x": 0.12, "push y": 0.12, "drag": 0.15,
     "gyro x": 0.02, "gyro y": 0.02, "gyro z": 0.02, "acceleration x": 0.15, "acceleration y": 0.15, "acceleration z": 0.15, "lag": 0.015,
     "delay": 0.006, "vibration": 0.35,
 }  # fmt: skip
 # Features of the simulated vehicle that differ alike
-ALIKE = (("roll", "pitch", "yaw"), ("push x", "push y"), ("gyro x", "gyro y", "gyro z"),
+ALIKE = (("roll", "pitch", "yaw"), ("roll drift", "pitch drift", "yaw drift"), ("push x", "push y"), ("gyro x", "gyro y", "gyro z"),
          ("acceleration x", "acceleration y", "acceleration z"))  # fmt: skip
 # Of the mean request, that it falls per volt less, and by how much vehicles differ in that; of a simulated one
 VOLTS, VOLTS_SD, SIMULATED_SD = 0.08, 0.05, 0.01
-REQUESTS = NAMES[:5]  # that are told in 1 of the mean request
 # That flights differ by at least: these follow what is flown, and lag and delay how often and how hard the controller acts between rows
 LEAST = {"vibration": 0.03, "lag": 0.012, "delay": 0.001}
 

@@ -13,7 +13,7 @@ from itertools import combinations, product
 import numpy as np
 from scipy import stats
 
-from .features import GRAVITY, MIX, NAMES, ROTORS
+from .features import GRAVITY, MIX, NAMES, REQUESTS, ROTORS
 
 FREEDOM, SCALES = 5.0, 7  # of Student's t; normals that it is mixed of
 DRAWS = 2048
@@ -23,6 +23,7 @@ OTHER = "other"  # something else, in any direction
 # Features that are explained together
 BLOCKS = {
     "balance": ("thrust", "roll", "pitch", "yaw", "drift", "swing"),
+    "course": ("roll drift", "pitch drift", "yaw drift"),
     "air": ("push x", "push y"),
     "drag": ("drag",),
     "gyro": ("gyro x", "gyro y", "gyro z"),
@@ -47,7 +48,8 @@ SHAKES = (0.7, 3.0)  # logarithms: some more or less, and hardly any vibration a
 BLURRED = 0.006  # s, that lag is off beside it
 AS_LAG, AS_DELAY = 0.8, 0.6  # of a motor's lag, that shows as lag and as delay
 ANYTHING = {  # usual sizes of something else, requests in 1 of the mean
-    "thrust": 0.1, "roll": 0.06, "pitch": 0.06, "yaw": 0.06, "drift": 0.1, "swing": 1.0, "push x": 0.5, "push y": 0.5, "drag": 0.5,
+    "thrust": 0.1, "roll": 0.06, "pitch": 0.06, "yaw": 0.06, "drift": 0.1, "roll drift": 0.06,
+    "pitch drift": 0.06, "yaw drift": 0.06, "swing": 1.0, "push x": 0.5, "push y": 0.5, "drag": 0.5,
     "gyro x": 0.1, "gyro y": 0.1, "gyro z": 0.1, "acceleration x": 1.0, "acceleration y": 1.0, "acceleration z": 1.0, "lag": 0.05,
     "delay": 0.03, "vibration": 1.0,
 }  # fmt: skip
@@ -96,9 +98,9 @@ def _units(*names):
 
 def explanations(healthy, block):
     """[Explanation] of a block, nothing apart."""
-    found = {"balance": _balance, "air": _air, "drag": _drag, "gyro": _gyro, "accelerometer": _accelerometer, "answer": _answer}[block](healthy)  # fmt: skip
+    found = {"balance": _balance, "course": _course, "air": _air, "drag": _drag, "gyro": _gyro, "accelerometer": _accelerometer, "answer": _answer}[block](healthy)  # fmt: skip
     names = BLOCKS[block]
-    sizes = np.array([ANYTHING[name] * (healthy.mean if name in BLOCKS["balance"][:5] else 1.0) for name in names])
+    sizes = np.array([ANYTHING[name] * (healthy.mean if name in REQUESTS else 1.0) for name in names])
     # It may change each of the features or not: all sets of them are as probable
     some = tuple(sizes * np.maximum(there, HARDLY) for there in product((0, 1), repeat=len(names)) if any(there))
     return [*found, Explanation((OTHER,), UNKNOWN, _units(*names), some, 0, lambda z: {OTHER: {}})]
@@ -154,6 +156,11 @@ def _rotors(healthy, some, prior, sign=1):
 def _weaker(asked, more):
     """By how much a rotor is weaker that is asked for so much more; it may be asked for all that it has."""
     return asked / np.maximum(asked + more, 1e-3) - 1
+
+
+def _course(healthy):
+    """Every cause that is known is as large at the end of a flight as at its beginning, but for the battery, which moves the thrust alone."""
+    return []
 
 
 def _air(healthy):

@@ -143,10 +143,12 @@ class Changes:
         return [PAYLOAD] if name.startswith("rotor") and self.baseline.own else []
 
     def confidence(self, cause):
-        """In one cause: its probability. A weight changes how the vehicle answers, above all one that swings."""
+        """In one cause: its probability. A weight changes how the vehicle answers, above all one that swings, and no cause of the balance
+        that is known changes over the flight."""
         weights, doubted = {PAYLOAD, SLUNG}, cause.name.startswith("rotor") or cause.name in (PAYLOAD, SLUNG)
         late = cause.name in (LAG, DELAY) and any(weights & set(one.causes) for one in self.best.values())
-        return float(min(cause.probability, SURE if late or (doubted and self.baseline.own) else 1.0))
+        moves = "course" in self.best and "balance" in self.best and cause.name in self.best["balance"].causes
+        return float(min(cause.probability, SURE if late or moves or (doubted and self.baseline.own) else 1.0))
 
     def decided(self, cause):
         """Probability that it acts, or what may be it instead."""

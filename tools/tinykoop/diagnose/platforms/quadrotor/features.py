@@ -19,6 +19,9 @@ TABLE = {
     "pitch": ("1", "request of the front rotors less the rear ones, over four"),
     "yaw": ("1", "request of rotors 1 and 3 less 2 and 4, over four"),
     "drift": ("1", "by how much the mean request rises over the log"),
+    "roll drift": ("1", "the same of roll"),
+    "pitch drift": ("1", "the same of pitch"),
+    "yaw drift": ("1", "the same of yaw"),
     "swing": ("1", "logarithm of the acceleration that is neither tilt nor drag, m/s^2"),
     "push x": ("m/s^2", "mean acceleration in x that is neither tilt nor drag"),
     "push y": ("m/s^2", "the same in y"),
@@ -34,6 +37,7 @@ TABLE = {
     "vibration": ("1", "logarithm of what gyro and acceleration change from row to row"),
 }
 NAMES = tuple(TABLE)
+REQUESTS = NAMES[:8]  # that are told in 1 of the mean request
 STATES = tuple(name for name in COLUMNS["quadrotor"] if name not in COMMANDS)
 ROTORS = (1, 2, 3, 4)  # front right, rear right, rear left, front left
 MIX = np.array([[1, 1, 1, 1], [-1, -1, 1, 1], [1, -1, -1, 1], [1, -1, 1, -1]]) / 4  # requests of rotors -> thrust, roll, pitch, yaw
@@ -144,12 +148,16 @@ def _requests(log, blocks, share):
     if (np.abs(log.u[rows, :4] - 0.5) > 0.5 - EDGE).any(1).mean() > LIMITED:
         return {}
     out = {name: _mean(column, blocks) for name, column in zip(NAMES[:4], asked.T)}
-    at, means = (np.array([column[block].mean() for block in blocks]) for column in (share, asked[:, 0]))
+    return out | {name: _drift(column, share, blocks) for name, column in zip(NAMES[4:8], asked.T)}
+
+
+def _drift(values, share, blocks):
+    """(rise over the log, its standard error)."""
+    at, means = (np.array([column[block].mean() for block in blocks]) for column in (share, values))
     around = at - at.mean()
     slope = around @ means / (around @ around)
     left = means - means.mean() - slope * around
-    error = np.sqrt(left @ left / max(len(at) - 2, 1) / (around @ around)) if len(at) > 2 else np.inf
-    return out | {"drift": (slope, error)}
+    return slope, np.sqrt(left @ left / max(len(at) - 2, 1) / (around @ around)) if len(at) > 2 else np.inf
 
 
 def _upright(log):

@@ -87,7 +87,8 @@ class Flight(Teller):
         return super().closing() if self.horizon(self.gap) else "the flight shows too little of the motion to measure a gap"
 
     def depends(self):
-        blocks = {"balance": "what the rotors are asked for", "air": "the horizontal acceleration", "drag": "the drag", "gyro": "the gyro",
+        blocks = {"balance": "what the rotors are asked for", "course": "how their balance changes over the flight",
+                  "air": "the horizontal acceleration", "drag": "the drag", "gyro": "the gyro",
                   "accelerometer": "the accelerometer", "answer": "the answer to requests"}  # fmt: skip
         return listed(blocks[part["on"]] for part in self.left["depends_on"]) if self.left["matters"] else ""
 

@@ -147,11 +147,13 @@ def test_study_on_a_small_design(tmp_path, monkeypatch):
     study.run(tmp_path, runs=1)
     rows = strict_json(tmp_path / "study.json")
     kinds = [row["study"] for row in rows]
-    assert kinds == ["bistability"] * 2 + ["intervention"] + ["rescue"] * 3 + ["twins"] + ["sensitivities"] * 3
-    assert all(row["failures"] == sum(e > closed_loop.FAILED for e in row["mean_errors"]) for row in rows[:3])
+    assert kinds == ["bistability"] * 2 + ["horizon"] * 9 + ["intervention"] + ["rescue"] * 3 + ["twins"] + ["sensitivities"] * 3
+    assert all(row["failures"] == sum(e > closed_loop.FAILED for e in row["mean_errors"]) for row in rows[:12])
+    assert rows[4]["mean_errors"] == pytest.approx(rows[0]["mean_errors"])  # the same run: the longest horizon is the paper's
     assert [row["as_newton"] for row in rows[:2]] == [1.0, 0.0]
-    assert rows[6]["outcomes"][0] == "tracks" != rows[6]["outcomes"][1]
-    assert json.dumps(rows) and len(list(tmp_path.glob("study_*.png"))) == 3
+    twins = rows[kinds.index("twins")]
+    assert twins["outcomes"][0] == "tracks" != twins["outcomes"][1]
+    assert json.dumps(rows) and len(list(tmp_path.glob("study_*.png"))) == 4
 
 
 def test_study_refuses(tmp_path, monkeypatch):

@@ -10,13 +10,15 @@ on each suspect, of which only the causes can change the count.
 
 Sensitivities: C A^j B, what the learned model says that an input does to the states j + 1 steps later, against
 finite differences of the simulated robot under the inputs it was given afterwards.
+
+Horizon: every method over 10, 20 and 50 steps, from the same starts: the error, and which runs are lost.
 """
 
 from ...plumbing import pages
 from ...plumbing.errors import UserError
 from ...plumbing.results import output_folder, progress, replacing
 from .. import scenario
-from . import bistability, causes, figures, sensitivities, solvers, tables
+from . import bistability, causes, figures, horizons, sensitivities, solvers, tables
 from .closed_loop import scene
 
 
@@ -36,13 +38,16 @@ def run(out, runs, update=False):
     parts = [causes.anatomy(paper, trace) for trace in traced] if traced else None
     parted = [causes.twin_row(traced, parts)] if traced else []
     cells = bistability.bistability(paper, runs)
-    rows = cells + changed + rescued + parted + seen
+    ahead = horizons.horizons(paper, max(1, runs // 4))
+    rows = cells + ahead + changed + rescued + parted + seen
     with replacing(out / "study.json", rows):
         figures.draw_bistability(out, cells)
         if traced:
             figures.draw_mechanism(out, parts, changed)
         figures.draw_sensitivities(out, compared)
-    tables.report(cells, changed, rescued, parted, seen)
+        figures.draw_horizons(out, ahead)
+    tables.report(cells, ahead, changed, rescued, parted, seen)
     if update:
         pages.update("docs/control.md", "study", tables.page(cells, changed))
+        pages.update("docs/control.md", "horizons", pages.table(*tables.by_horizon(ahead)))
     return rows

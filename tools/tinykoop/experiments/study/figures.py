@@ -7,6 +7,7 @@ from ...plumbing.results import number
 from .. import control, scenario
 from .causes import RADIUS, TWIN_STEPS
 from .closed_loop import FAILED, SIGMA
+from .horizons import HORIZONS
 from .sensitivities import WATCHED
 from .tables import setting
 
@@ -62,6 +63,29 @@ def draw_bistability(out, cells):
     handles = {label: handle for handle, label in zip(*right.get_legend_handles_labels())}
     figure.legend(handles.values(), handles.keys(), loc="outside lower right", ncols=5)
     plots.save(figure, out / "study_bistability.png")
+
+
+def draw_horizons(out, ahead):
+    """Error of the runs that track and share of the runs that are lost, for each method and horizon."""
+    of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in ahead}
+    lost = {steps: sum(row["failures"] for row in ahead if row["horizon"] == steps) for steps in HORIZONS}
+    figure, (left, right) = plots.subplots(1, 2, figsize=(11, 5), sharey=True)
+    figure.suptitle("Runs lost with a horizon of " + ", ".join(f"{steps} steps: {n}" for steps, n in lost.items()), x=0.01, ha="left")
+    for y, method in enumerate(scenario.METHODS):
+        for shift, marker, steps in zip((-0.2, 0, 0.2), "o^s", HORIZONS):
+            row = of[method.dictionary, method.regulator, steps]
+            style = dict(marker=marker, color="k", mfc="none", ls="", label=f"{steps} steps")
+            left.plot(row["median_error_tracking"], y + shift, **style)
+            right.plot(row["ci95"], [y + shift] * 2, color="0.6", lw=1)
+            right.plot(row["probability"], y + shift, **style)
+    left.set_yticks(range(len(scenario.METHODS)), [method.label for method in scenario.METHODS])
+    left.invert_yaxis()
+    left.set_xscale("log")
+    left.set_xlabel("mean tracking error, median of the runs that track (m, rad)")
+    right.set_xlabel("probability that a run is lost, 95 % interval")
+    handles = {label: handle for handle, label in zip(*left.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower right", ncols=3)
+    plots.save(figure, out / "study_horizons.png")
 
 
 def draw_mechanism(out, parts, changed):

@@ -8,6 +8,7 @@ from .. import scenario
 from .bistability import BISTABLE
 from .causes import RADIUS, SETTLED
 from .closed_loop import FAILED, SIGMA
+from .horizons import HORIZONS
 from .sensitivities import AHEAD, WATCHED
 from .solvers import NEWTON
 
@@ -50,7 +51,26 @@ def page(cells, changed):
     return first + "\n" + pages.table("Vanilla Poly with something changed, from the same starts", ["changed", *headers], ends)
 
 
-def report(cells, changed, rescued, parted, seen):
+def by_horizon(ahead):
+    """(title, headers, lines): for each method and horizon the mean error of the runs that track, and the runs that are lost."""
+    of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in ahead}
+    headers = [f"{what}: {steps}" for what in ("error", "lost", "solve, us") for steps in HORIZONS]
+    lines = []
+    for method in scenario.METHODS:
+        some = [of[method.dictionary, method.regulator, steps] for steps in HORIZONS]
+        errors = [number(row["median_error_tracking"]) for row in some]
+        lines.append([method.label, *errors, *(row["failures"] for row in some), *(f"{row['solve_us']['median']:.0f}" for row in some)])
+    every = [[row for row in ahead if row["horizon"] == steps] for steps in HORIZONS]
+    lost = [f"{sum(row['failures'] for row in rows)} of {sum(row['runs'] for row in rows)}" for rows in every]
+    lines.append(["all", *[""] * len(HORIZONS), *lost, *[""] * len(HORIZONS)])
+    return (
+        f"Horizons of 10, 20 and 50 steps, {ahead[0]['runs']} runs of each method from starts a centimetre apart",
+        ["method", *headers],
+        lines,
+    )
+
+
+def report(cells, ahead, changed, rescued, parted, seen):
     """The tables on the terminal."""
     table = {}
     for row in cells:
@@ -86,6 +106,7 @@ def report(cells, changed, rescued, parted, seen):
             ["RBF, failed", sum(row["failures"] for row in rbf)],
         ],
     )
+    print_table(*by_horizon(ahead))
     print_table(
         "Vanilla Poly with something changed, from the same starts",
         ["changed", "failures (%)", "median error of those that track"],

@@ -4,12 +4,12 @@ Run as a program, `build/venv/bin/python test/python/test_changes.py 100`, it pr
 """
 
 import functools
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 from tinykoop import bridge
 from tinykoop.logs import changes, replay
@@ -160,17 +160,10 @@ def test_no_change_without_wind(name):
 # ---- command -------------------------------------------------------------------------------------
 
 
-def tinykoop(*arguments):
-    code = "import sys; from tinykoop.cli import main; sys.exit(main())"
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True, cwd=Path(changes.__file__).parents[1]
-    )
-
-
 def test_command_prints_and_writes(tmp_path):
     log = held(flight("hover", 340), 1.0, 20, 1)
     bridge.write_log(tmp_path / "gale.csv", log.x, log.u, log.dt, "fwmav")
-    done = tinykoop("changes", tmp_path / "gale.csv", "--out", tmp_path)
+    done = processes.tinykoop("changes", tmp_path / "gale.csv", "--out", tmp_path)
     assert done.returncode == 0 and "20.5 s" in done.stdout and "permanent change" in done.stdout and len(done.stdout.splitlines()) == 1
     assert (tmp_path / "changes_gale.json").exists() and (tmp_path / "changes_gale.png").exists()
 
@@ -181,7 +174,7 @@ def test_bad_input_is_one_line(tmp_path):
     x = np.cumsum(np.full((400, 3), 0.01), axis=0)
     bridge.write_log(tmp_path / "drive.csv", x, x[:, :2], 0.05)
     for name, words in (("short.csv", "at least 11 s"), ("drive.csv", "tinykoop diagnose"), ("none.csv", "cannot be opened")):
-        done = tinykoop("changes", tmp_path / name, "--out", tmp_path)
+        done = processes.tinykoop("changes", tmp_path / name, "--out", tmp_path)
         assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
         assert name in done.stderr and words in done.stderr
 

@@ -8,12 +8,11 @@ frame anywhere shows as a yaw rate that is not the derivative of yaw.
 import bisect
 import sqlite3
 import struct
-import subprocess
-import sys
 import zlib
 from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -856,8 +855,7 @@ def test_bad_line_of_a_csv_is_named(tmp_path):
 
 
 def command(*arguments):
-    line = [sys.executable, "-m", "tinykoop.cli", "convert", *map(str, arguments)]
-    done = subprocess.run(line, capture_output=True, text=True, cwd=ROOT / "tools")
+    done = processes.tinykoop("convert", *arguments)
     return done.returncode, done.stdout, done.stderr
 
 

@@ -4,11 +4,10 @@ The second writing works in the world's axes with a rotation matrix and angular 
 takes a quaternion and Euler's equations in body axes, and has an adaptive integrator of eighth order.
 """
 
-import subprocess
-import sys
 from itertools import combinations
 
 import numpy as np
+import processes
 import pytest
 from conftest import ROOT
 from scipy.integrate import solve_ivp
@@ -497,8 +496,7 @@ def test_bad_flight_is_refused(arguments, message):
 
 
 def fly(folder, *arguments):
-    command = [sys.executable, "-m", "tinykoop.cli", "fly", *arguments]
-    return subprocess.run(command, cwd=folder, env={"PYTHONPATH": str(ROOT / "tools")}, capture_output=True, text=True)
+    return processes.tinykoop("fly", *arguments, cwd=folder)
 
 
 def test_fly_writes_what_was_flown(tmp_path):

@@ -3,15 +3,15 @@
 import json
 import os
 import re
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
+import processes
 import pytest
 from tinykoop import bridge
 from tinykoop.experiments import scenario
@@ -21,8 +21,13 @@ from tinykoop.plumbing.errors import UserError
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "tools")}
 TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
-AMALGAMATE = [sys.executable, str(ROOT / "tools/amalgamate.py")]
+AMALGAMATE = f"import runpy; runpy.run_path({str(ROOT / 'tools/amalgamate.py')!r}, run_name='__main__')"
 PLOTS = ["learn_adaptation.png", "learn_covariance.png", "learn_error.png", "learn_operator.png", "learn_paths.png", "learn_precision.png"]
+
+
+def one_line(done):
+    """Whether a failure is what a user is to see."""
+    return done.returncode == 2 and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
 
 
 def python(code, *arguments):
@@ -34,11 +39,6 @@ def ran(process):
     """Its exit status, and what it said on standard error."""
     _, error = process.communicate(timeout=300)
     return process.returncode, error
-
-
-def one_line(status, error):
-    """Whether a failure is what a user is to see."""
-    return status == 2 and error.count("\n") == 1 and "Traceback" not in error
 
 
 def parts(folder):
@@ -77,7 +77,7 @@ results.write_json(sys.argv[1], ["new"] * 100000)
 def test_killed_in_a_write_leaves_the_old_result(call, tmp_path):
     path = tmp_path / "a.json"
     results.write_json(path, ["old"])
-    assert ran(python(DIE_IN_WRITE, path, call))[0] == -signal.SIGKILL
+    assert processes.python(DIE_IN_WRITE, path, call).returncode == -signal.SIGKILL
     assert json.loads(path.read_text()) == ["old"]
     assert len(parts(tmp_path)) == 1
     results.write_json(path, ["newer"])
@@ -115,7 +115,7 @@ def test_killed_between_plots_leaves_no_figures_beside_them(plots, tmp_path):
     for name in PLOTS:
         (tmp_path / name).write_bytes(b"old")
     results.write_json(tmp_path / "learn.json", ["old"])
-    assert ran(python(DIE_AFTER_PLOTS, tmp_path, plots))[0] == -signal.SIGKILL
+    assert processes.python(DIE_AFTER_PLOTS, tmp_path, plots).returncode == -signal.SIGKILL
     assert not (tmp_path / "learn.json").exists()
     assert sum((tmp_path / name).read_bytes() != b"old" for name in PLOTS) == plots
 
@@ -127,11 +127,7 @@ def test_killed_at_any_time(log, tmp_path):
     for part in (1.0, 0.1, 0.7, 0.8, 0.9, 0.97):
         results.write_json(tmp_path / f"{name}.json", ["old"])
         begun = time.perf_counter()
-        process = subprocess.Popen([*TINYKOOP, "replay", log, "--out", tmp_path], env=ENVIRONMENT, stdout=subprocess.DEVNULL)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=part * whole)
-        process.kill()
-        process.wait()
+        processes.Process(processes.TINYKOOP, "replay", log, "--out", tmp_path).kill_after(part * whole)
         whole = time.perf_counter() - begun if part == 1 else whole
         if (tmp_path / f"{name}.json").exists():
             rows = json.loads((tmp_path / f"{name}.json").read_text())
@@ -189,35 +185,26 @@ def mounted(folder, options):
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def limit_files():
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
-
-
 def commands(log, flight, out):
-    """Every kind of writer: JSON with plots, page, model, log, table, source."""
+    """Code and arguments of every kind of writer: JSON with plots, page, model, log, table, source."""
     return {
-        "learn": [*TINYKOOP, "learn", "--out", out],
-        "replay": [*TINYKOOP, "replay", log, "--out", out],
-        "diagnose": [*TINYKOOP, "diagnose", log, "--out", out],
-        "changes": [*TINYKOOP, "changes", flight, "--out", out],
-        "fit": [*TINYKOOP, "fit", log, out / "model.h"],
-        "fly": [*TINYKOOP, "fly", "hover", out / "flight.csv", "--seconds", "5"],
-        "amalgamate": [*AMALGAMATE, "--out", out],
+        "learn": [processes.TINYKOOP, "learn", "--out", out],
+        "replay": [processes.TINYKOOP, "replay", log, "--out", out],
+        "diagnose": [processes.TINYKOOP, "diagnose", log, "--out", out],
+        "changes": [processes.TINYKOOP, "changes", flight, "--out", out],
+        "fit": [processes.TINYKOOP, "fit", log, out / "model.h"],
+        "fly": [processes.TINYKOOP, "fly", "hover", out / "flight.csv", "--seconds", "5"],
+        "amalgamate": [AMALGAMATE, "--out", out],
     }
 
 
 WRITERS = list(commands(Path(), Path(), Path()))
 
 
-def run(command, **options):
-    done = subprocess.run([*map(str, command)], env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options)
-    return done.returncode, done.stderr
-
-
 @pytest.mark.parametrize("writer", WRITERS)
 def test_no_room_for_a_file(writer, log, flight, tmp_path):
-    status, error = run(commands(log, flight, tmp_path)[writer], preexec_fn=limit_files)
-    assert one_line(status, error), error
+    done = processes.python(*commands(log, flight, tmp_path)[writer], largest=2000)
+    assert one_line(done), done.stderr
     assert not list(tmp_path.iterdir())
 
 
@@ -225,38 +212,36 @@ def test_no_room_for_a_file(writer, log, flight, tmp_path):
 def test_full_disk(writer, log, flight, tmp_path):
     with mounted(tmp_path, "size=8k"):
         (tmp_path / "filler").write_bytes(bytes(4096))
-        status, error = run(commands(log, flight, tmp_path)[writer])
-        assert one_line(status, error), error
+        done = processes.python(*commands(log, flight, tmp_path)[writer])
+        assert one_line(done), done.stderr
         assert [path.name for path in tmp_path.iterdir()] == ["filler"]
 
 
 @pytest.mark.parametrize("writer", WRITERS)
 def test_read_only_folder(writer, log, flight, tmp_path):
     with mounted(tmp_path, "ro"):
-        status, error = run(commands(log, flight, tmp_path)[writer])
-        assert one_line(status, error), error
-        assert str(tmp_path) in error
+        done = processes.python(*commands(log, flight, tmp_path)[writer])
+        assert one_line(done), done.stderr
+        assert str(tmp_path) in done.stderr
 
 
 def test_blind_check_in_a_read_only_folder(tmp_path):
     with mounted(tmp_path, "ro"):
         for platform in ("ddr", "fwmav"):
-            status, error = run([*TINYKOOP, "blind", "--platform", platform, "--n", "1", "--out", tmp_path])
-            assert one_line(status, error), error
+            done = processes.tinykoop("blind", "--platform", platform, "--n", "1", "--out", tmp_path)
+            assert one_line(done), done.stderr
 
 
 def test_terminal_that_takes_nothing(log, tmp_path):
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [*TINYKOOP, "replay", log, "--out", tmp_path], env=ENVIRONMENT, stdout=full, stderr=subprocess.PIPE, text=True
-        )
-    assert one_line(done.returncode, done.stderr), done.stderr
+        done = processes.tinykoop("replay", log, "--out", tmp_path, stdout=full)
+    assert one_line(done), done.stderr
     assert not list(tmp_path.iterdir())  # it fails in the progress bar, before there are results
 
 
 # ---- names that are not UTF-8 ----------------------------------------------------------------------------
 
-STRICT = {**ENVIRONMENT, "PYTHONIOENCODING": "utf-8:strict"}  # in the C locale Python prints such names as they are
+STRICT = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}  # in the C locale Python prints such names as they are
 
 
 def named(log, folder, suffix=".csv"):
@@ -272,14 +257,13 @@ def test_a_name_that_is_not_utf8_is_shown_escaped(writer, log, flight, tmp_path)
     out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/out-\xfe"))
     drive, hover = named(log, tmp_path), named(flight, tmp_path, ".flight.csv")
     more = {
-        "fresh": [*TINYKOOP, "diagnose", log, "--fresh", drive, "--out", out],
-        "healthy": [*TINYKOOP, "diagnose", hover, "--healthy", hover, "--platform", "fwmav", "--out", out],
-        "convert": [*TINYKOOP, "convert", drive, out.with_suffix(".csv"), "--platform", "ddr"],
+        "fresh": [processes.TINYKOOP, "diagnose", log, "--fresh", drive, "--out", out],
+        "healthy": [processes.TINYKOOP, "diagnose", hover, "--healthy", hover, "--platform", "fwmav", "--out", out],
+        "convert": [processes.TINYKOOP, "convert", drive, out.with_suffix(".csv"), "--platform", "ddr"],
     }
-    command = (commands(drive, hover, out) | more)[writer]
-    done = subprocess.run([*map(os.fsencode, command)], env=STRICT, capture_output=True)
+    done = processes.python(*(commands(drive, hover, out) | more)[writer], env=STRICT)
     assert done.returncode == 0, done.stderr
-    said = (done.stdout + done.stderr).decode()
+    said = done.stdout + done.stderr
     assert "Traceback" not in said
     assert r"drive-\xff" in said or writer not in ("convert", "fit")
     for path in out.glob("*") if out.exists() else ():
@@ -293,7 +277,7 @@ def test_a_name_that_is_not_utf8_is_shown_escaped(writer, log, flight, tmp_path)
 
 def test_brackets_in_a_name_are_no_style(flight, tmp_path):
     name = tmp_path / "a[/red].csv"
-    done = subprocess.run([*TINYKOOP, "fly", "hover", name, "--seconds", "5"], env=ENVIRONMENT, capture_output=True, text=True)
+    done = processes.tinykoop("fly", "hover", name, "--seconds", "5")
     assert done.returncode == 0, done.stderr
     assert name.name in done.stdout.replace("\n", "")
 
@@ -301,27 +285,28 @@ def test_brackets_in_a_name_are_no_style(flight, tmp_path):
 # ---- nobody reads on -------------------------------------------------------------------------------------
 
 
-def into_closed_pipe(command):
-    """(status, standard error) of a command whose standard output is a pipe that nobody reads."""
+@pytest.fixture
+def closed_pipe():
+    """A pipe that nobody reads."""
     reader, writer = os.pipe()
     os.close(reader)
-    try:
-        done = subprocess.run([*map(str, command)], env=ENVIRONMENT, stdout=writer, stderr=subprocess.PIPE, text=True)
-    finally:
-        os.close(writer)
-    return done.returncode, done.stderr
+    with open(writer, "w") as pipe:
+        yield pipe
 
 
 @pytest.mark.parametrize("writer", [writer for writer in WRITERS if writer != "amalgamate"])
-def test_output_closed_early_ends_quietly(writer, log, flight, tmp_path):
+def test_output_closed_early_ends_quietly(writer, log, flight, tmp_path, closed_pipe):
     """With the status that a shell gives for SIGPIPE, as after `yes | head -1`."""
     shell = subprocess.run(["bash", "-c", "yes | head -1; exit ${PIPESTATUS[0]}"], capture_output=True).returncode
-    assert into_closed_pipe(commands(log, flight, tmp_path)[writer]) == (shell, "")
+    done = processes.python(*commands(log, flight, tmp_path)[writer], stdout=closed_pipe)
+    assert (done.returncode, done.stderr) == (shell, "")
     assert not parts(tmp_path)
 
 
-def test_help_closed_early_ends_quietly():
-    assert into_closed_pipe([*TINYKOOP, "--help"])[1] == ""
+def test_help_closed_early_ends_quietly(closed_pipe):
+    """In a process of its own, not one that was forked."""
+    done = subprocess.run([*TINYKOOP, "--help"], env=ENVIRONMENT, stdout=closed_pipe, stderr=subprocess.PIPE, text=True)
+    assert done.stderr == ""
 
 
 def test_no_output_at_all_is_no_fault(log, tmp_path):
@@ -347,8 +332,8 @@ for k in range(40):
 
 
 def test_two_runs_at_once_leave_the_set_of_one(tmp_path):
-    processes = [python(WRITE_SETS, tmp_path, tag) for tag in "xy"]
-    while any(process.poll() is None for process in processes):
+    begun = [python(WRITE_SETS, tmp_path, tag) for tag in "xy"]
+    while any(process.poll() is None for process in begun):
         try:
             before = json.loads((tmp_path / "set.json").read_text())
             plots = {(tmp_path / name).read_text() for name in "ab"}
@@ -357,7 +342,7 @@ def test_two_runs_at_once_leave_the_set_of_one(tmp_path):
             continue  # being replaced
         if before == after:
             assert plots == {f"{before['tag']} {before['k']}"}
-    assert [ran(process) for process in processes] == [(0, ""), (0, "")]
+    assert [ran(process) for process in begun] == [(0, ""), (0, "")]
     assert not parts(tmp_path)
     last = json.loads((tmp_path / "set.json").read_text())
     assert {(tmp_path / name).read_text() for name in "ab"} == {f"{last['tag']} {last['k']}"}
@@ -376,8 +361,8 @@ for _ in range(30):
 def test_two_writers_of_one_log_leave_one_of_them(tmp_path):
     """They used to write into the same file beside it."""
     path = tmp_path / "log.csv"
-    processes = [python(WRITE_LOGS, path, rows) for rows in (2000, 3000)]
-    assert [ran(process) for process in processes] == [(0, ""), (0, "")]
+    begun = [python(WRITE_LOGS, path, rows) for rows in (2000, 3000)]
+    assert [ran(process) for process in begun] == [(0, ""), (0, "")]
     x = bridge.read_log(path).x
     assert len(x) in (2000, 3000) and (x == len(x)).all()
     assert not parts(tmp_path)

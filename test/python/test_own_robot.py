@@ -6,11 +6,11 @@ import importlib.util
 import json
 import re
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 from tinykoop.bridge import followers
 from tinykoop.diagnose import several
@@ -28,7 +28,6 @@ from tinykoop.plumbing.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = ROOT / "examples/own_robot/car"
-TINYKOOP = [sys.executable, "-m", "tinykoop.cli"]
 
 
 def example():
@@ -302,10 +301,8 @@ def test_several_logs_get_a_report_each_and_one_table(car, tmp_path):
     for name, lag in (("well", 1e-9), ("slow", 0.12)):
         true.LAG = lag
         written(tmp_path / f"{name}.csv", true.drive(26))
-    done = subprocess.run(
-        [*TINYKOOP, "diagnose", "well.csv", "slow.csv", "missing.csv", "--robot", str(CAR / "car.toml"), "--out", "out"],
-        cwd=tmp_path, capture_output=True, text=True,
-    )  # fmt: skip
+    logs = "well.csv", "slow.csv", "missing.csv"
+    done = processes.tinykoop("diagnose", *logs, "--robot", CAR / "car.toml", "--out", "out", cwd=tmp_path)
     assert done.returncode == 2 and "missing.csv" in done.stderr and "Traceback" not in done.stderr
     assert "2 of 3 logs" in done.stdout and "lag:steering" in done.stdout
     found = json.loads((tmp_path / "out/diagnoses.json").read_text())

@@ -4,10 +4,10 @@ The second writing follows the vehicle, a weight fixed to it and a load on its s
 in the world's axes: it solves for all accelerations and the string's tension at once, and takes many small steps.
 """
 
-import subprocess
 import sys
 
 import numpy as np
+import processes
 import pytest
 from conftest import ROOT
 from scipy.spatial.transform import Rotation
@@ -488,8 +488,7 @@ def test_a_vehicle_that_cannot_fly_is_refused():
 
 def test_fly_writes_what_was_flown(tmp_path):
     given = "mixed", "--platform", "quadrotor", "--vehicle", "iris", "--seconds", "3", "--seed", "7", "--effect", "payload", "a/b.csv"
-    command = [sys.executable, "-m", "tinykoop.cli", "fly", *given]
-    done = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(ROOT / "tools")}, capture_output=True, text=True)
+    done = processes.tinykoop("fly", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "0.52 of full thrust in hover" in done.stdout.replace("\n", " ")
     log = bridge.read_log(tmp_path / "a/b.csv", "quadrotor")

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import processes
 import pytest
 from test_diagnose_input import DT, drive, poses, write
 from tinykoop import bridge
@@ -51,8 +52,7 @@ def recorded(tmp_path_factory):
     table = np.genfromtxt(write(folder / "log.csv", poses(drive(ROWS), ["speed_gain", "yaw_gain"]), drive(ROWS)), delimiter=",", names=True)
     table["t"] += LATER
     np.savetxt(folder / "log.csv", table, "%.10g", ",", header=",".join(table.dtype.names), comments="")
-    command = [sys.executable, "-m", "tinykoop.cli", "diagnose", "log.csv", "--out", "out", "--mcap", "new/out.mcap"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    done = processes.tinykoop("diagnose", "log.csv", "--out", "out", "--mcap", "new/out.mcap", cwd=folder)
     assert done.returncode == 0 and "out.layout.json" in done.stdout, done.stderr
     return table, read(folder / "new/out.mcap"), json.loads((folder / "out/report.json").read_text()), folder / "new/out.mcap"
 

@@ -1,9 +1,8 @@
 """The size calculator: what the library asks for, and what was measured."""
 
 import json
-import subprocess
-import sys
 
+import processes
 import pytest
 from tinykoop import bridge
 from tinykoop.firmware import size
@@ -54,12 +53,10 @@ def test_sizes_that_the_library_refuses(sizes):
     ],
 )
 def test_command(arguments, says):
-    done = subprocess.run([sys.executable, "-m", "tinykoop.cli", "size", *arguments.split()], capture_output=True, text=True)
+    done = processes.tinykoop("size", *arguments.split())
     assert done.returncode == 0 and says in done.stdout
 
 
 def test_unknown_target_is_one_line():
-    done = subprocess.run(
-        [sys.executable, "-m", "tinykoop.cli", "size", "-N", "22", "-n", "3", "-m", "2", "--target", "esp"], capture_output=True, text=True
-    )
+    done = processes.tinykoop("size", "-N", "22", "-n", "3", "-m", "2", "--target", "esp")
     assert done.returncode == 2 and done.stdout == "" and "cortex-m4f" in done.stderr and done.stderr.count("\n") == 1

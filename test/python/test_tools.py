@@ -3,12 +3,11 @@
 import argparse
 import json
 import math
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 from tinykoop import bridge, cli
 from tinykoop.experiments import ablate, control, learn, scenario, windup
@@ -21,10 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def tinykoop(*arguments, cwd=None):
     """(exit status, standard error) of the command."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tinykoop.cli", *map(str, arguments)], capture_output=True, text=True, cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "tools")},
-    )  # fmt: skip
+    done = processes.tinykoop(*arguments, cwd=cwd)
     assert "…" not in done.stdout, "a table is cut"
     return done.returncode, done.stderr
 

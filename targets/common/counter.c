@@ -1,5 +1,7 @@
 #include "counter.h"
 
+#include "mark.h"
+
 #ifdef __riscv
 
 static uint32_t begun, overhead;
@@ -40,10 +42,9 @@ static float per_tick; /* instructions */
 static float overhead; /* instructions */
 static uint32_t begun;
 
-/* Waits for the next tick; returns how many instructions that took. */
-static uint32_t wait_for_tick(void) {
+/* Waits for the tick after the one that was read as `before`; returns how many instructions that took. */
+static uint32_t wait_for_tick(uint32_t before) {
 	const volatile uint32_t *value = &SYSTICK->value;
-	const uint32_t before = *value;
 	uint32_t now, loops = 0;
 	__asm__ volatile("1: ldr %0, [%2]\n"
 	                 "   adds %1, #1\n"
@@ -57,13 +58,13 @@ static uint32_t wait_for_tick(void) {
 
 static float elapsed(void) {
 	const uint32_t value = SYSTICK->value;
-	const uint32_t rest = wait_for_tick();
+	const uint32_t rest = wait_for_tick(value);
 	const uint32_t ticks = (begun - value) & SYSTICK_MAX;
 	return (float)(ticks + 1) * per_tick - (float)rest;
 }
 
 void counter_start(void) {
-	wait_for_tick();
+	wait_for_tick(SYSTICK->value);
 	begun = SYSTICK->value;
 }
 
@@ -87,6 +88,8 @@ void counter_open(void) {
 	per_tick = 2e6f / (float)((begun - SYSTICK->value) & SYSTICK_MAX);
 
 	counter_start();
+	MARK_BEGIN();
+	MARK_END();
 	overhead = elapsed();
 }
 

@@ -4,6 +4,7 @@
  *     ram <N> <bytes of the learner in square-root form> <bytes of the controller>
  *     stack <function> <bytes> */
 #include "counter.h"
+#include "mark.h"
 #include "robot.h"
 #include "stack.h"
 
@@ -44,7 +45,9 @@ static void add(series *s, uint32_t instructions, uint32_t stack) {
 	do {                                                                                                     \
 		stack_paint();                                                                                       \
 		counter_start();                                                                                     \
+		MARK_BEGIN();                                                                                        \
 		const int status_ = (call);                                                                          \
+		MARK_END();                                                                                          \
 		const uint32_t instructions_ = counter_stop();                                                       \
 		add(series, instructions_, stack_used());                                                            \
 		must(status_);                                                                                       \
@@ -74,25 +77,40 @@ static int unless_outlier(int status) {
 	return status == KOOP_E_OUTLIER ? KOOP_OK : status;
 }
 
+/* What a drive measures: one function, so that all calls between two reports are of it. */
+enum { NOTHING, LIFTS, UPDATES, GATED_UPDATES };
+
+static void lift(const float x[STATES], int measured) {
+	if (measured == LIFTS) {
+		MEASURE(&lifts, koopf_lift(a.config.dictionary, x, psi_next));
+	} else {
+		must(koopf_lift(a.config.dictionary, x, psi_next));
+	}
+}
+
+static void learn(const float u[INPUTS], int measured) {
+	koopf_health health;
+	if (measured == UPDATES) {
+		MEASURE(&updates, koopf_rls_update(&a.rls, psi, u, psi_next, &health));
+	} else if (measured == GATED_UPDATES) {
+		MEASURE(&gated_updates, unless_outlier(koopf_gate_update(&gate, &a.rls, psi, u, psi_next, &health)));
+	} else {
+		must(koopf_rls_update(&a.rls, psi, u, psi_next, &health));
+	}
+}
+
 /* The open-loop drive of so many steps with an update at each. */
-static void drive(size_t steps, int gated) {
+static void drive(size_t steps, int measured) {
 	double pose[STATES] = {0, 0, 0};
 	float x[STATES], u[INPUTS];
-	koopf_health health;
-	lifts.count = updates.count = gated_updates.count = 0;
 	robot_measure(pose, x);
 	must(koopf_lift(a.config.dictionary, x, psi));
 	for (size_t k = 0; k < steps; k++) {
 		robot_command(k, u);
 		robot_step(pose, u, k);
 		robot_measure(pose, x);
-		MEASURE(&lifts, koopf_lift(a.config.dictionary, x, psi_next));
-		if (gated) {
-			MEASURE(&gated_updates,
-			        unless_outlier(koopf_gate_update(&gate, &a.rls, psi, u, psi_next, &health)));
-		} else {
-			MEASURE(&updates, koopf_rls_update(&a.rls, psi, u, psi_next, &health));
-		}
+		lift(x, measured);
+		learn(u, measured);
 		memcpy(psi, psi_next, sizeof psi);
 	}
 }
@@ -110,23 +128,25 @@ static void measure_updates(const koopf_dictionary *dictionary) {
 	for (size_t f = 0; f < sizeof forms / sizeof *forms; f++) {
 		for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 			must(agent_start(&a, dictionary, regulators[r], forms[f].form, forms[f].check, 0));
-			drive(SAMPLES, 0);
+			drive(SAMPLES, UPDATES);
 			report(&updates, dictionary->n_lifted, regulators[r]->name, forms[f].name);
 		}
 	}
 	for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 		must(agent_start(&a, dictionary, regulators[r], &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
 		must(koopf_gate_init(&gate, NULL, &a.rls, gate_storage, sizeof gate_storage / sizeof *gate_storage));
-		drive(SAMPLES, 1);
+		drive(SAMPLES, GATED_UPDATES);
 		report(&gated_updates, dictionary->n_lifted, regulators[r]->name, "gate");
 	}
 	for (size_t r = 0; r < sizeof regulators / sizeof *regulators; r++) {
 		must(agent_start(&a, dictionary, regulators[r], &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
 		a.rls.config.checksum = 1;
 		must(koopf_rls_reset_covariance(&a.rls, a.rls.config.p0)); /* makes the first checksum */
-		drive(SAMPLES, 0);
+		drive(SAMPLES, UPDATES);
 		report(&updates, dictionary->n_lifted, regulators[r]->name, "checksum");
 	}
+	must(agent_start(&a, dictionary, &koopf_reg_dz_cs, &koopf_form_sqrt, KOOP_CHECK_REFUSE, 0));
+	drive(SAMPLES, LIFTS);
 	report(&lifts, dictionary->n_lifted, "lift", "-");
 }
 
@@ -154,7 +174,7 @@ static void measure_solves(const koopf_dictionary *dictionary, int kind) {
 	double pose[STATES];
 	float x[STATES], u[INPUTS];
 	must(agent_start(&a, dictionary, &koopf_reg_dz_cs, &koopf_form_sqrt, KOOP_CHECK_REFUSE, tolerance));
-	drive(LEARN, 0);
+	drive(LEARN, NOTHING);
 	robot_path(pose, path);
 	robot_measure(pose, x);
 	must(koopf_lift(dictionary, x, psi));

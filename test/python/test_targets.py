@@ -111,6 +111,35 @@ def test_reads_what_the_program_prints():
     assert row["mpc_solve"] == {"warm": 22, "cold": 1022, "condense": 2022, "worst": 2022}
 
 
+def weighed(*calls):
+    return "".join(f"weighed {' '.join(map(str, call))}\n" for call in calls)
+
+
+def test_cycles_are_of_the_calls_between_two_reports():
+    text = weighed((0, 0, 0), (100, 150, 120), (110, 170, 130), (90, 140, 110)) + "instructions 7 lift - 100 110\n"
+    text += weighed((20, 30, 25)) + "instructions 7 none sqrt 20 20\n"
+    counted = targets.Counted.read(text)
+    assert counted.instructions[7] == {("lift", "-"): (100, 110), ("none", "sqrt"): (20, 20)}
+    assert counted.cycles[7] == {("lift", "-"): [(150, 170), (120, 130)], ("none", "sqrt"): [(30, 30), (25, 25)]}
+    assert targets.Counted.read(printed()).cycles == {}
+
+
+def test_weighed_instructions_must_be_those_of_the_clock():
+    assert targets.estimates([(1_000_000, 1, 1)], (1_000_900, 1_000_900))
+    with pytest.raises(UserError, match="weighed 1000000 instructions where QEMU's clock counted 1001100"):
+        targets.estimates([(1_000_000, 1, 1)], (1_000_000, 1_001_100))
+    with pytest.raises(UserError):
+        targets.estimates([(100, 1, 1)], (117, 100))
+
+
+def test_a_row_has_the_same_figures_in_cycles():
+    counted = targets.Counted.read(printed())
+    doubled = {key: [(2 * median, 2 * worst), (3 * median, 3 * worst)] for key, (median, worst) in counted.instructions[22].items()}
+    row = targets.estimated("cortex-m4f", doubled)
+    assert row["VMLA 3"]["lift"] == 44 and row["VMLA 1"]["lift"] == 66
+    assert row["VMLA 3"]["mpc_solve"]["worst"] == 2 * targets.instructions(counted.instructions[22])["mpc_solve"]["worst"]
+
+
 def test_what_must_hold_of_a_row():
     row = {**rows()[0], "foreign": [], "stack_seen": {"koopf_lift": 116, "koopf_rls_update": 316}}
     row["stack"] = {"koopf_lift": 100, "koopf_rls_update": 300}
@@ -156,6 +185,7 @@ def rows():
             "stack": {"koopf_lift": 100},
             "ram": {"learn": 100, "control": 200},
             "instructions": targets.instructions(counted.instructions[n]),
+            "cycles": None,
         }
         for n in targets.SIZES
     ]

@@ -2,6 +2,7 @@
 
 A target is a folder of targets/ with a toolchain.cmake and a memory.ld. Where the toolchain names a QEMU
 machine, the C tests and the closed loop run there and instructions are counted; the others are only sized.
+Where the timing of the processor is known, cycles are estimated too (cycles.py).
 """
 
 import json
@@ -21,16 +22,18 @@ from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, write_json
 from ..plumbing.sources import regulators
-from . import callgraph
+from . import callgraph, cycles
 
 FOLDER = ROOT / "targets"
 BUILD = ROOT / "build/targets"
 COMMITTED = FOLDER / "footprint.json"
+WEIGH = BUILD / "host/targets/common/libweigh.so"  # the plugin of QEMU that sums cycles
 
 LEVELS = {"O2": "RelWithDebInfo", "Os": "MinSizeRel"}
 GROWTH = 0.05  # of a figure, that is let pass
 STACK = 512  # bytes, of any public call
 SLACK = 16  # bytes of stack that paint cannot tell
+AGREE = 16, 0.001  # instructions, and share of them, by which the plugin and the clock of QEMU may differ
 
 # Tests that are not run on a target: (target, test, why).
 LEFT_OUT = (
@@ -128,12 +131,29 @@ class Tree:
         *qemu, kernel, _ = self.ctest()[0]["command"]
         return run_command(*qemu, *options, kernel, self.folder / "targets/common" / program)
 
+    def counts(self):
+        """What footprint prints, and the plugin's sums between its lines where cycles are estimated."""
+        return self.emulate("footprint", "-icount", "shift=0", *self.weighing("footprint"))
+
+    def weighing(self, program):
+        """Options of QEMU for the plugin; none where cycles are not estimated."""
+        if self.target not in cycles.ESTIMATES:
+            return []
+        table = self.folder / f"{program}_weights.txt"
+        table.write_text(cycles.weights(self.target, self.tool("objdump", "-d", self.folder / "targets/common" / program)))
+        return ["-plugin", ",".join([_escaped(WEIGH), f"table={_escaped(table)}"])]
+
     def tool(self, name, *arguments):
         return run_command(f"{self.prefix}{name}", *arguments)
 
     @property
     def object(self):
         return self.folder / "CMakeFiles/tinykoop.dir/lib/koopf.c.obj"
+
+
+def _escaped(path):
+    """As QEMU reads it in a list."""
+    return str(path).replace(",", ",,")
 
 
 def left_out(target, test):
@@ -216,22 +236,38 @@ class Counted:
     """What the program footprint prints."""
 
     instructions: dict  # {N: {(what, detail): (median, worst)}}
+    cycles: dict  # the same, with a list for (median, worst): one for each estimate
     ram: dict  # {N: (learner, controller)}, bytes
     stack: dict  # {function: bytes}
 
     @classmethod
     def read(cls, text):
-        seen = cls({}, {}, {})
+        seen, weighed = cls({}, {}, {}, {}), []
         for line in text.splitlines():
             kind, *words = line.split()
-            if kind == "instructions":
+            if kind == "weighed":
+                weighed.append(tuple(map(int, words)))
+            elif kind == "instructions":
                 n, what, detail, median, worst = words
                 seen.instructions.setdefault(int(n), {})[what, detail] = (int(median), int(worst))
+                if weighed:
+                    seen.cycles.setdefault(int(n), {})[what, detail] = estimates(weighed, (int(median), int(worst)))
+                weighed = []
             elif kind == "ram":
                 seen.ram[int(words[0])] = tuple(map(int, words[1:]))
             elif kind == "stack":
                 seen.stack[words[0]] = int(words[1])
         return seen
+
+
+def estimates(weighed, counted):
+    """(median, worst) of each estimate, of one function's calls; refuses sums that miss instructions."""
+    calls = [call for call in weighed if any(call)]  # not the counter's own, of nothing
+    instructions, *cycles = [(sorted(column)[len(column) // 2], max(column)) for column in zip(*calls)]
+    for ours, theirs in zip(instructions, counted):
+        if not math.isclose(ours, theirs, abs_tol=AGREE[0], rel_tol=AGREE[1]):
+            raise UserError(f"the plugin weighed {ours} instructions where QEMU's clock counted {theirs}")
+    return cycles
 
 
 REGULATORS = regulators()
@@ -253,6 +289,12 @@ def instructions(counts):
     row["mpc_solve"] = {kind: counts["mpc", kind][0] for kind in ("condense", "cold", "warm")}
     row["mpc_solve"]["worst"] = max(counts["mpc", kind][1] for kind in ("cold", "warm"))
     return row
+
+
+def estimated(target, counts):
+    """The part of footprint.json: the same figures in cycles, by each estimate of the target."""
+    names = cycles.ESTIMATES[target]
+    return {name: instructions({key: values[i] for key, values in counts.items()}) for i, name in enumerate(names)}
 
 
 def check(row):
@@ -282,6 +324,7 @@ def footprint(tree, printed):
             "stack_seen": counted and counted.stack,
             "ram": counted and dict(zip(("learn", "control"), counted.ram[n])),
             "instructions": counted and instructions(counted.instructions[n]),
+            "cycles": estimated(tree.target, counted.cycles[n]) if counted and counted.cycles else None,
         }
         for n in SIZES
     ]
@@ -341,8 +384,22 @@ def table(rows):
     return lines
 
 
+def time_table(rows):
+    """Cells of the table of cycles on the terminal."""
+    return [
+        [row["target"], row["config"].replace("_m2_H50", ""), name, *map(_grouped, _decisive(count))]
+        for row in rows
+        for name, count in _estimates(row)
+    ]
+
+
 def _grouped(value):
     return "-" if value is None else f"{value:,}"
+
+
+def _estimates(row):
+    """(estimate, its figures) of a row; none where no cycles are estimated."""
+    return (row.get("cycles") or {}).items()
 
 
 def _level(row):
@@ -353,16 +410,28 @@ def _size(row):
     return int(row["config"].split("_")[0][1:])
 
 
-def _instructions_table(rows, level):
-    counted = [row for row in rows if row["instructions"] and _level(row) == level]
+def _counts_table(caption, columns):
+    """A line for each function, of {header: figures as in a row's "instructions"}."""
     lines = []
-    for key, value in (counted[0]["instructions"] if counted else {}).items():
+    for key, value in next(iter(columns.values()), {}).items():
         names = [(key, part) for part in value] if isinstance(value, dict) else [(key,)]
         for name in names:
-            cells = [reduce(lambda tree, part: tree[part], name, row["instructions"]) for row in counted]
+            cells = [reduce(lambda tree, part: tree[part], name, column) for column in columns.values()]
             lines.append([" ".join([NAMES[key], *name[1:]]), *map(_grouped, cells)])
-    headers = ["", *[f"{row['target']} N = {_size(row)}" for row in counted]]
-    return pages.table(f"Instructions at -{level}, m = 2, horizon 50", headers, lines)
+    return pages.table(caption, ["", *columns], lines)
+
+
+def _instructions_table(rows, level):
+    counted = [row for row in rows if row["instructions"] and _level(row) == level]
+    columns = {f"{row['target']} N = {_size(row)}": row["instructions"] for row in counted}
+    return _counts_table(f"Instructions at -{level}, m = 2, horizon 50", columns)
+
+
+def _cycles_table(rows, level):
+    columns = {
+        f"{row['target']} N = {_size(row)}, {name}": figures for row in rows if _level(row) == level for name, figures in _estimates(row)
+    }
+    return _counts_table(f"Cycles at -{level}, m = 2, horizon 50, estimated", columns)
 
 
 NAMES = {
@@ -389,22 +458,35 @@ def markdown(rows):
         pages.table("Bytes of the caller's RAM", ["", "learner, square root", "controller"], memory),
         pages.table("Bytes of stack", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
         *[_instructions_table(rows, level) for level in LEVELS],
+        *[_cycles_table(rows, level) for level in LEVELS],
     ]
     return "\n".join(parts)
 
 
+def _decisive(count, regulator="dz_cs"):
+    """Of a row's counts: lift, update of both forms, solves."""
+    updates = [count[key][regulator] for key in ("rls_update_plain", "rls_update")]
+    return [count["lift"], *updates, *[count["mpc_solve"][key] for key in ("warm", "cold", "worst")]]
+
+
+DECISIVE = ["lift", "update, plain", "square root", "MPC warm", "cold", "worst"]
+
+
 def summary(rows):
     """What decides, at the larger size."""
+    chosen = [row for row in rows if _size(row) == max(SIZES) and _level(row) == "O2"]
     lines = []
-    for row in rows:
-        if _size(row) == max(SIZES) and _level(row) == "O2":
-            count = row["instructions"] or {"lift": None, "rls_update_plain": {}, "rls_update": {}, "mpc_solve": {}}
-            updates = [count[key].get("dz_cs") for key in ("rls_update_plain", "rls_update")]
-            solves = [count["mpc_solve"].get(key) for key in ("warm", "cold", "worst")]
-            cells = [row["text"], row["text_learn"], max(row["stack"].values()), count["lift"], *updates, *solves]
-            lines.append([row["target"], *map(_grouped, cells)])
-    headers = ["", "code, all", "lift, update", "stack", "lift", "update, plain", "square root", "MPC warm", "cold", "worst"]
-    return pages.table("Bytes and instructions, float32, -O2, N = 22, m = 2, horizon 50, `dz_cs`", headers, lines)
+    for row in chosen:
+        counts = _decisive(row["instructions"]) if row["instructions"] else [None] * len(DECISIVE)
+        lines.append([row["target"], *map(_grouped, [row["text"], row["text_learn"], max(row["stack"].values()), *counts])])
+    caption = "float32, -O2, N = 22, m = 2, horizon 50, `dz_cs`"
+    time = [[f"{row['target']}, {name}", *map(_grouped, _decisive(count))] for row in chosen for name, count in _estimates(row)]
+    return "\n".join(
+        [
+            pages.table(f"Bytes and instructions, {caption}", ["", "code, all", "lift, update", "stack", *DECISIVE], lines),
+            pages.table(f"Cycles, estimated, {caption}", ["", *DECISIVE], time),
+        ]
+    )
 
 
 def headlines(rows):
@@ -439,7 +521,7 @@ def jobs(trees, host):
     for tree in trees:
         if tree.runs:
             work[tree.target, tree.level, "loops"] = partial(loops, tree, host)
-            work[tree.target, tree.level, "counts"] = partial(tree.emulate, "footprint", "-icount", "shift=0")
+            work[tree.target, tree.level, "counts"] = tree.counts
     return work
 
 
@@ -500,6 +582,7 @@ def report(trees, rows, done):
         table(rows),
         "learn: lift and update only. plain, sqrt: update by ef in that form. k: thousands, of an MPC solve.",
     )
+    print_table("Cycles, estimated from the processor's timing: dz_cs", ["target", "config", "estimate", *DECISIVE], time_table(rows))
     lines = []
     for target in dict.fromkeys(tree.target for tree in trees if tree.runs):
         seen = {level: done.get((target, level, "loops"), {}) for level in LEVELS}

@@ -6,7 +6,7 @@ import json
 import re
 
 import pytest
-from tinykoop.firmware import callgraph, targets
+from tinykoop.firmware import callgraph, cycles, targets
 from tinykoop.plumbing import pages
 from tinykoop.plumbing.errors import UserError
 
@@ -223,6 +223,7 @@ def test_committed_figures_are_of_every_target_and_level():
     assert seen == {(t, f"N{n}_m2_H50_{level}") for t in targets.targets() for n in targets.SIZES for level in targets.LEVELS}
     for row in committed:
         assert row["data"] == 0 and row["bss"] == 0 and row["foreign"] == []
+        assert list(row["cycles"] or ()) == list(cycles.ESTIMATES.get(row["target"], ()))
 
 
 @pytest.mark.parametrize("name", targets.PAGES)

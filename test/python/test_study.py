@@ -147,8 +147,8 @@ def test_study_on_a_small_design(tmp_path, monkeypatch):
     study.run(tmp_path, runs=1)
     rows = strict_json(tmp_path / "study.json")
     kinds = [row["study"] for row in rows]
-    assert kinds == ["bistability"] * 2 + ["horizon"] * 9 + ["intervention"] + ["rescue"] * 3 + ["twins"] + ["sensitivities"] * 3
-    assert all(row["failures"] == sum(e > closed_loop.FAILED for e in row["mean_errors"]) for row in rows[:12])
+    assert kinds == ["bistability"] * 2 + ["horizon"] * 18 + ["intervention"] + ["rescue"] * 3 + ["twins"] + ["sensitivities"] * 3
+    assert all(row["failures"] == sum(e > closed_loop.FAILED for e in row["mean_errors"]) for row in rows[:21])
     assert rows[4]["mean_errors"] == pytest.approx(rows[0]["mean_errors"])  # the same run: the longest horizon is the paper's
     assert [row["as_newton"] for row in rows[:2]] == [1.0, 0.0]
     twins = rows[kinds.index("twins")]

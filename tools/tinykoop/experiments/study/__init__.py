@@ -49,5 +49,5 @@ def run(out, runs, update=False):
     tables.report(cells, ahead, changed, rescued, parted, seen)
     if update:
         pages.update("docs/control.md", "study", tables.page(cells, changed))
-        pages.update("docs/control.md", "horizons", pages.table(*tables.by_horizon(ahead)))
+        pages.update("docs/control.md", "horizons", "\n".join(pages.table(*table) for table in tables.by_horizon(ahead)))
     return rows

@@ -7,7 +7,7 @@ from ...plumbing.results import number
 from .. import control, scenario
 from .causes import RADIUS, TWIN_STEPS
 from .closed_loop import FAILED, SIGMA
-from .horizons import HORIZONS
+from .horizons import FAR, HORIZONS
 from .sensitivities import WATCHED
 from .tables import setting
 
@@ -66,11 +66,12 @@ def draw_bistability(out, cells):
 
 
 def draw_horizons(out, ahead):
-    """Error of the runs that track and share of the runs that are lost, for each method and horizon."""
-    of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in ahead}
-    lost = {steps: sum(row["failures"] for row in ahead if row["horizon"] == steps) for steps in HORIZONS}
+    """Error of the runs that track, and runs that are lost, for each method and horizon, from starts that are far apart."""
+    of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in ahead if row["sigma"] == FAR}
+    lost = {steps: sum(row["failures"] for row in of.values() if row["horizon"] == steps) for steps in HORIZONS}
     figure, (left, right) = plots.subplots(1, 2, figsize=(11, 5), sharey=True)
-    figure.suptitle("Runs lost with a horizon of " + ", ".join(f"{steps} steps: {n}" for steps, n in lost.items()), x=0.01, ha="left")
+    title = f"From starts {FAR:g} m apart, runs lost with a horizon of " + ", ".join(f"{steps} steps: {n}" for steps, n in lost.items())
+    figure.suptitle(title, x=0.01, ha="left")
     for y, method in enumerate(scenario.METHODS):
         for shift, marker, steps in zip((-0.2, 0, 0.2), "o^s", HORIZONS):
             row = of[method.dictionary, method.regulator, steps]

@@ -8,7 +8,7 @@ from .. import scenario
 from .bistability import BISTABLE
 from .causes import RADIUS, SETTLED
 from .closed_loop import FAILED, SIGMA
-from .horizons import HORIZONS
+from .horizons import FAR, HORIZONS
 from .sensitivities import AHEAD, WATCHED
 from .solvers import NEWTON
 
@@ -52,22 +52,23 @@ def page(cells, changed):
 
 
 def by_horizon(ahead):
-    """(title, headers, lines): for each method and horizon the mean error of the runs that track, and the runs that are lost."""
-    of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in ahead}
-    headers = [f"{what}: {steps}" for what in ("error", "lost", "solve, us") for steps in HORIZONS]
+    """[(title, headers, lines)], near and far: for each method and horizon the error of the runs that track, and how many are lost."""
+    return [_by_horizon([row for row in ahead if row["sigma"] == sigma], where) for sigma, where in STARTS.items()]
+
+
+STARTS = {SIGMA: "a centimetre apart", FAR: f"{FAR:g} m apart"}
+
+
+def _by_horizon(rows, where):
+    of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in rows}
+    headers = ["method", *(f"{what}: {steps}" for what in ("error", "lost") for steps in HORIZONS)]
     lines = []
     for method in scenario.METHODS:
         some = [of[method.dictionary, method.regulator, steps] for steps in HORIZONS]
-        errors = [number(row["median_error_tracking"]) for row in some]
-        lines.append([method.label, *errors, *(row["failures"] for row in some), *(f"{row['solve_us']['median']:.0f}" for row in some)])
-    every = [[row for row in ahead if row["horizon"] == steps] for steps in HORIZONS]
-    lost = [f"{sum(row['failures'] for row in rows)} of {sum(row['runs'] for row in rows)}" for rows in every]
-    lines.append(["all", *[""] * len(HORIZONS), *lost, *[""] * len(HORIZONS)])
-    return (
-        f"Horizons of 10, 20 and 50 steps, {ahead[0]['runs']} runs of each method from starts a centimetre apart",
-        ["method", *headers],
-        lines,
-    )
+        lines.append([method.label, *(number(row["median_error_tracking"]) for row in some), *(row["failures"] for row in some)])
+    lost = [sum(row["failures"] for row in rows if row["horizon"] == steps) for steps in HORIZONS]
+    lines.append(["all", *[""] * len(HORIZONS), *lost])
+    return f"Horizons of 10, 20 and 50 steps, {rows[0]['runs']} runs of each method from starts {where}", headers, lines
 
 
 def report(cells, ahead, changed, rescued, parted, seen):
@@ -106,7 +107,8 @@ def report(cells, ahead, changed, rescued, parted, seen):
             ["RBF, failed", sum(row["failures"] for row in rbf)],
         ],
     )
-    print_table(*by_horizon(ahead))
+    for table in by_horizon(ahead):
+        print_table(*table)
     print_table(
         "Vanilla Poly with something changed, from the same starts",
         ["changed", "failures (%)", "median error of those that track"],

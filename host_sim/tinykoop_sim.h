@@ -242,6 +242,9 @@ TK_API void tk_play(size_t rows, double half, const double *u, double *out);
 /* The mean over each row of what goes to the command u by `most` (> 0) per row at the most, and begins there. */
 TK_API void tk_limited_rate(size_t rows, double most, const double *u, double *out);
 
+/* y[k] = pole y[k - 1] + u[k], from zero; pole and y are complex: 2 numbers each, real part first. */
+TK_API void tk_pole(size_t rows, const double *pole, const double *u, double *out);
+
 /* A flight of the flapping-wing vehicle as tk_log_get() gives it, and how to follow it. */
 typedef struct tk_flown {
 	size_t rows;

@@ -34,7 +34,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small here: t
 
 def _your_log(add):
     gap = add("diagnose", "where a simulator and a log differ, which effect is missing, how far the gap closes")
-    gap.add_argument("log", nargs="+", help="several logs: one report each, and one table")
+    gap.add_argument("log", nargs="+", help="several logs, or a folder with logs: one report each, and one table")
     gap.add_argument("--fresh", help="another log of the same robot, to validate the result without refitting")
     whose = f"{', '.join(PLATFORMS)}, quadrotor:VEHICLE, or the TOML file of your own (docs/own-robot.md)"
     gap.add_argument("--robot", "--platform", metavar="ROBOT", help=f"{whose}; default: the platform that the columns tell")
@@ -258,14 +258,27 @@ def _needs_checkout(a):
             checkout.need(f"{a.command} --{option}")
 
 
-def _options(a):
-    """What a diagnosis of several logs passes on to those of each."""
-    given = [
-        *(("--robot", a.robot) if a.robot else ()),
-        *(("--fresh", str(a.fresh)) if a.fresh else ()),
-        *(("--healthy", *map(str, a.healthy)) if a.healthy else ()),
-    ]
-    return [*given, *(part for name in a.without for part in ("--without", name))]
+def _diagnosed(a):
+    """The folder for reports of diagnoses."""
+    return a.out / "diagnose" if a.out == checkout.OUT else a.out
+
+
+def _several(a, diagnose):
+    """Diagnoses several logs, or all of a folder; true where one has a larger gap than allowed."""
+    from .diagnose import pooled, several
+
+    logs = several.files(a.log)
+    if a.pool:
+        pooled.check(logs, a.groups, a.robot)
+    if a.sim:
+        raise UserError("--sim: a run under the commands of one log; give one log")
+    if a.mcap:
+        raise UserError("--mcap: the recording of one log; give one log")
+    options = {"robot": a.robot, "fresh": a.fresh, "without": a.without, "healthy": a.healthy}
+    reports = several.run(logs, _diagnosed(a), options, a.jobs, a.cluster)
+    if a.pool:
+        pooled.run(reports, _diagnosed(a), a.groups, a.robot, a.without, a.healthy)
+    return sum(diagnose.exceeds(report, a.max_gap, log) for log, report in reports) > 0  # each says so
 
 
 def dispatch(a):
@@ -317,25 +330,13 @@ def dispatch(a):
         study.run(a.out, a.runs, a.update)
     elif a.command == "diagnose":
         from . import diagnose
-        from .diagnose import pooled, several
 
-        if a.pool:
-            pooled.check(a.log, a.groups, a.robot)
-        elif a.groups:
+        if a.groups and not a.pool:
             raise UserError("--groups: labels of logs that are fitted together; add --pool")
-        out = a.out / "diagnose" if a.out == checkout.OUT else a.out
-        if len(a.log) == 1:
-            result = diagnose.run(a.log[0], out, a.fresh, a.robot, a.without, a.healthy, a.sim, a.mcap)
-            return diagnose.exceeds(result.report, a.max_gap)
-        elif a.sim:
-            raise UserError("--sim: a run under the commands of one log; give one log")
-        elif a.mcap:
-            raise UserError("--mcap: the recording of one log; give one log")
-        else:
-            reports = several.run(a.log, out, _options(a), a.jobs, a.cluster)
-            if a.pool:
-                pooled.run(reports, out, a.groups, a.robot, a.without, a.healthy)
-            return sum(diagnose.exceeds(report, a.max_gap, log) for log, report in reports) > 0  # each says so
+        if a.pool or len(a.log) > 1 or Path(a.log[0]).is_dir():
+            return _several(a, diagnose)
+        result = diagnose.run(a.log[0], _diagnosed(a), a.fresh, a.robot, a.without, a.healthy, a.sim, a.mcap)
+        return diagnose.exceeds(result.report, a.max_gap)
     elif a.command == "robot":
         from .diagnose.robots import check, new
 

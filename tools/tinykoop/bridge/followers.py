@@ -22,3 +22,11 @@ def play(u, half):
 def limited_rate(u, most):
     """The mean over each row of what goes to the command by `most` per row; it begins there."""
     return _followed("tk_limited_rate", u, most)
+
+
+def pole(u, at):
+    """y[k] = at y[k - 1] + u[k] (K,), from zero, by a real or complex number `at`."""
+    u, at = reals(u), complex(at)
+    at, out = reals([at.real, at.imag]), np.empty(len(u), complex)
+    raw("tk_pole", ct.c_size_t(len(u)), address(at), address(u), address(out))
+    return out

@@ -8,7 +8,7 @@ Statistical Association 71, 1976). In a closed loop a wrong noise model biases t
 """
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from .prediction_errors.ahead import BLOCK, FOLDS, HORIZONS
 
@@ -105,12 +105,18 @@ def _feedback(u, j, seen, rows):
     n, q = new.shape
     if not q or n < PER * (past.shape[1] + q):
         return 1.0, 0.0
-    ranks = stats.rankdata(_without(past, u[rows, j]))
+    ranks = _ranks(_without(past, u[rows, j]))
     left, new = _without(past, ranks), _without(past, new)
     whole, rest = left @ left, (_without(new, left) ** 2).sum()
     degrees = n - past.shape[1] - q
     p = special.fdtrc(q, degrees, (whole - rest) / q / max(rest / degrees, NONE))
     return float(p), float(1 - _held_out(new, left) / max(whole, NONE))
+
+
+def _ranks(values):
+    """Of values, from 1; equal ones share the mean of theirs."""
+    _, which, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - (counts - 1) / 2)[which]
 
 
 def _past(u, rows):

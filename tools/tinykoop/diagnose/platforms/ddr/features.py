@@ -4,7 +4,9 @@ They answer what no list of effects can: on what that depends which no effect ex
 """
 
 import numpy as np
-from scipy import linalg, ndimage, signal
+from scipy import ndimage
+
+from ....bridge import followers
 
 SMOOTH = 25  # rows
 SHIFTS = (1, -1, -2, -4)  # rows: what answers a command too early, or late as no lag does
@@ -23,8 +25,7 @@ CELLS, REACH = 6, 2.0  # of a map, per axis; standard deviations of the place, t
 def _after(u, seconds, dt):
     """What a first-order lag is behind the command."""
     keep = np.exp(-dt / seconds)
-    recursion = np.stack([np.ones(len(u)), np.full(len(u), -keep)])
-    return linalg.solve_banded((1, 0), recursion, np.vstack([u[:1], (1 - keep) * u[:-1]])) - u
+    return followers.pole(np.append(u[:1], (1 - keep) * u[:-1]), keep).real - u
 
 
 def _shifted(c, rows):
@@ -35,19 +36,19 @@ def _shifted(c, rows):
 def _past(c, seconds, dt):
     """Mean square of a command (K,) in so many seconds before."""
     keep = np.exp(-dt / seconds)
-    return signal.lfilter([1 - keep], [1, -keep], c**2)
+    return followers.pole((1 - keep) * c**2, keep).real
 
 
 def _felt(c, seconds, dt):
     """+-1 when a command changes its sign, and what is felt of that later."""
     turns = np.diff(np.sign(c), prepend=np.sign(c[0])) / 2
-    return signal.lfilter([1.0], [1, -np.exp(-dt / seconds)], turns)
+    return followers.pole(turns, np.exp(-dt / seconds)).real
 
 
 def _swing(c, frequency, dt):
     """Swing and rate of a damped pendulum that changes of a command (K,) push, (K, 2)."""
     pole = np.exp((-DAMPING + 1j * np.sqrt(1 - DAMPING**2)) * 2 * np.pi * frequency * dt)
-    swing = signal.lfilter([1.0], [1, -pole], np.diff(c, prepend=c[0]))
+    swing = followers.pole(np.diff(c, prepend=c[0]), pole)
     return np.stack([swing.imag, swing.real], 1)
 
 
@@ -118,9 +119,8 @@ def functions(u, rows, pose, dt, left):
     table = {"constant": (one, every), "v": (a, every), "omega": (b, every), "v omega": (a * b, every)}
     table |= {"heading, sine": (np.sin(theta), every), "heading, cosine": (np.cos(theta), every)}
     for seconds in (0.3, 2 * dt, 1.0):
-        behind = _after(np.stack([a, b], 1), seconds, dt)
-        table[f"change of v, {seconds:.2g} s"] = (behind[:, 0], (0, 2))
-        table[f"change of omega, {seconds:.2g} s"] = (behind[:, 1], every)
+        table[f"change of v, {seconds:.2g} s"] = (_after(a, seconds, dt), (0, 2))
+        table[f"change of omega, {seconds:.2g} s"] = (_after(b, seconds, dt), every)
     for rows in SHIFTS:
         for title, c in (("v", a), ("omega", b)):
             table[f"change of {title}, {rows:+d} rows"] = (_shifted(c, rows) - c, every)
@@ -128,7 +128,7 @@ def functions(u, rows, pose, dt, left):
         for part in LARGE:
             over = np.sign(c) * np.maximum(np.abs(c) - np.quantile(np.abs(c), part), 0)
             table[f"large {title}, over {part:g}"] = (over, (0, 2))
-            table[f"large {title}, over {part:g}, late"] = (over + _after(over[:, None], LATE, dt)[:, 0], (0, 2))
+            table[f"large {title}, over {part:g}, late"] = (over + _after(over, LATE, dt), (0, 2))
     table |= {"v^2": (a * np.abs(a), every), "omega^2": (b * np.abs(b), every)}
     table |= {"time": (t, every), "time v": (t * a, every), "time omega": (t * b, every)}
     table |= {"|v|": (np.abs(a), every), "|omega|": (np.abs(b), every), "v |omega|": (a * np.abs(b), every)}

@@ -1,188 +1,260 @@
 /* The deviance of one residual under several noises at once, as an optimiser asks for it along with its slopes.
  *
- * The filter is that of whiten.c; every number of it is a row of LANES, one for each noise, so that a compiler makes vector
- * instructions of the inner loops. */
+ * The filter is that of whiten.c; every number of it is a row of lanes, one for each of some noises, of which a compiler makes
+ * vector instructions. Where it knows no vectors there is one lane. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "lanes.h"
 #include "message.h"
 #include "tinykoop_sim.h"
 #include "wide.h"
 
-enum { LANES = 8, MOST = 48 };
+enum { NOISES = 8, TURNS = NOISES / LANES };
 
-typedef struct lanes {
-	double of[LANES];
-} lanes;
+/* An element of the transition that is not zero in every row: by the deviation, or driven by random motion. */
+typedef struct element {
+	size_t column, at;
+	int driven;
+} element;
+
+/* Elements row by row; those of row i begin at first[i]. */
+typedef struct transition {
+	element *elements;
+	size_t count, first[MOST + 1];
+} transition;
 
 typedef struct filter {
-	const tk_noises *noises;
-	size_t n, r, c, coloured, N;
-	lanes *P, *work, *z, *after;
-	lanes process[MOST], rho[MOST]; /* of states beyond the deviation */
+	lanes *P, *work, *z, *after, *F; /* F: of the elements of the transition */
+	lanes *process, *rho, *grows;    /* of states beyond the deviation, by the number of the state */
+	lanes *white, *begin;            /* of channels; of all states */
 	lanes squares, log_det, product;
 } filter;
 
-#define EACH for (size_t l = 0; l < LANES; l++)
-
-static lanes spread(double value) {
-	lanes v;
-	EACH { v.of[l] = value; }
-	return v;
+static INLINED void start(filter *f, sizes s) {
+	memset(f->P, 0, s.N * s.N * sizeof *f->P);
+	memset(f->z, 0, s.N * sizeof *f->z);
+	for (size_t i = 0; i < s.N; i++) { f->P[i * s.N + i] = f->begin[i]; }
 }
 
-static void start(filter *f) {
-	const tk_noises *s = f->noises;
-	memset(f->P, 0, f->N * f->N * sizeof *f->P);
-	memset(f->z, 0, f->N * sizeof *f->z);
-	for (size_t i = 0; i < f->n; i++) { f->P[i * f->N + i] = spread(s->start[i] * s->start[i]); }
-	for (size_t i = 0; i < f->r; i++) { f->P[(f->n + i) * f->N + f->n + i] = spread(1); }
-	for (size_t i = 0; i < f->coloured; i++) {
-		lanes *p = &f->P[(f->n + f->r + i) * f->N + f->n + f->r + i];
-		EACH { p->of[l] = s->coloured[l * f->c + i] * s->coloured[l * f->c + i]; }
+static int leaves_range(const filter *f) {
+	int far = 0;
+	EACH { far |= !(OF(f->product, l) > 1e-100 && OF(f->product, l) < 1e100); }
+	return far;
+}
+
+static void settle_product(filter *f) {
+	EACH {
+		OF(f->log_det, l) += log(OF(f->product, l));
+		OF(f->product, l) = 1;
 	}
 }
 
-/* Logarithms are slow: one of a product, before that leaves the numbers. */
-static void settle_product(filter *f, int last) {
+/* ---- What a channel tells ------------------------------------------------------ */
+
+/* Of P only the lower half is kept up to date within a row; whole: the upper one still is. */
+static INLINED size_t place(sizes s, size_t a, size_t b, int whole) {
+	return a < b && !whole ? b * s.N + a : a * s.N + b;
+}
+
+static INLINED void update(filter *f, sizes s, const double *C, size_t i, double present, double seen, int whole) {
+	const size_t own = s.n + s.r + i, from = s.plain ? i : 0, to = s.plain ? i + 1 : s.n;
+	const lanes zero = {0};
+	lanes Ph[MOST], S = f->white[i] * present, e = zero + seen;
+	for (size_t a = 0; a < s.N; a++) {
+		Ph[a] = s.coloured ? f->P[place(s, a, own, whole)] : zero;
+		for (size_t b = from; b < to; b++) {
+			if (s.plain || C[b] != 0) { Ph[a] += f->P[place(s, a, b, whole)] * (s.plain ? 1 : C[b]); }
+		}
+	}
+	S += s.coloured ? Ph[own] : zero;
+	for (size_t b = from; b < to; b++) {
+		S += C[b] * Ph[b];
+		e -= C[b] * f->z[b];
+	}
+	e -= s.coloured ? f->z[own] : zero;
+	const lanes unit = 1 / S;
+	f->squares += e * e * unit;
+	f->product *= S;
+	for (size_t a = 0; a < s.N; a++) {
+		const lanes K = Ph[a] * unit;
+		f->z[a] += K * e;
+		for (size_t b = 0; b <= a; b++) { f->P[a * s.N + b] -= K * Ph[b]; }
+	}
+}
+
+static INLINED void mirror(filter *f, sizes s) {
+	for (size_t a = 0; a < s.N; a++) {
+		for (size_t b = 0; b < a; b++) { f->P[b * s.N + a] = f->P[a * s.N + b]; }
+	}
+}
+
+/* ---- From row to row ----------------------------------------------------------- */
+
+static INLINED void weigh(filter *f, const transition *t, const double *A, const double *G) {
+	const lanes zero = {0};
+	for (size_t m = 0; m < t->count; m++) {
+		const element *e = &t->elements[m];
+		f->F[m] = e->driven ? G[e->at] * f->process[e->column] : zero + A[e->at];
+	}
+}
+
+/* work = F P and after = F z + D */
+static INLINED void from_left(filter *f, sizes s, const transition *t, const double *D) {
+	const lanes zero = {0};
+	for (size_t i = 0; i < s.n; i++) {
+		lanes sums[MOST], sum = zero + D[i];
+		for (size_t j = 0; j < s.N; j++) { sums[j] = zero; }
+		for (size_t m = t->first[i]; m < t->first[i + 1]; m++) {
+			const lanes F = f->F[m], *P = f->P + t->elements[m].column * s.N;
+			for (size_t j = 0; j < s.N; j++) { sums[j] += F * P[j]; }
+			sum += F * f->z[t->elements[m].column];
+		}
+		for (size_t j = 0; j < s.N; j++) { f->work[i * s.N + j] = sums[j]; }
+		f->after[i] = sum;
+	}
+	for (size_t i = s.n; i < s.N; i++) {
+		for (size_t j = 0; j < s.N; j++) { f->work[i * s.N + j] = f->rho[i] * f->P[i * s.N + j]; }
+		f->after[i] = f->rho[i] * f->z[i];
+	}
+}
+
+/* P = work F' and the noise; z = after */
+static INLINED void from_right(filter *f, sizes s, const transition *t) {
+	const lanes zero = {0};
+	for (size_t j = 0; j < s.n; j++) {
+		lanes sums[MOST];
+		for (size_t i = 0; i < s.N; i++) { sums[i] = zero; }
+		for (size_t m = t->first[j]; m < t->first[j + 1]; m++) {
+			const lanes F = f->F[m], *work = f->work + t->elements[m].column;
+			for (size_t i = 0; i < s.N; i++) { sums[i] += F * work[i * s.N]; }
+		}
+		for (size_t i = 0; i < s.N; i++) { f->P[j * s.N + i] = sums[i]; }
+	}
+	for (size_t j = s.n; j < s.N; j++) {
+		for (size_t i = 0; i < s.N; i++) { f->P[j * s.N + i] = f->rho[j] * f->work[i * s.N + j]; }
+		f->P[j * s.N + j] += f->grows[j];
+	}
+	for (size_t i = 0; i < s.N; i++) { f->z[i] = f->after[i]; }
+}
+
+/* ---- Along the path ------------------------------------------------------------ */
+
+static INLINED void see(filter *f, sizes s, const double *C, const double *variance, const double *E) {
+	int whole = 1;
+	for (size_t i = 0; i < s.c; i++) {
+		if (!isfinite(variance[i])) { continue; }
+		update(f, s, C + i * s.n, i, variance[i], E[i], whole);
+		whole = 0;
+	}
+	if (!whole) { mirror(f, s); }
+}
+
+/* Logarithms are slow: one of a product, before that of any noise leaves the numbers. */
+static INLINED void settle(filter *f, int last) {
 	int far = last;
-	EACH { far |= !(f->product.of[l] > 1e-100 && f->product.of[l] < 1e100); }
-	if (!far) { return; }
-	EACH {
-		f->log_det.of[l] += log(f->product.of[l]);
-		f->product.of[l] = 1;
-	}
+	for (size_t h = 0; h < TURNS; h++) { far |= leaves_range(&f[h]); }
+	for (size_t h = 0; far && h < TURNS; h++) { settle_product(&f[h]); }
 }
 
-static void update(filter *f, size_t i, double present, double seen) {
-	const tk_noises *s = f->noises;
-	const size_t N = f->N, own = f->n + f->r + i;
-	const double *C = s->C + i * f->n;
-	lanes Ph[MOST], S, e = spread(seen), unit;
-	for (size_t a = 0; a < N; a++) {
-		Ph[a] = f->coloured ? f->P[a * N + own] : spread(0);
-		for (size_t b = 0; b < f->n; b++) {
-			const double weight = C[b];
-			if (weight == 0) { continue; }
-			const lanes *p = &f->P[a * N + b];
-			EACH { Ph[a].of[l] += p->of[l] * weight; }
-		}
-	}
-	EACH { S.of[l] = s->white[l * f->c + i] * present + (f->coloured ? Ph[own].of[l] : 0); }
-	for (size_t b = 0; b < f->n; b++) {
-		EACH {
-			S.of[l] += C[b] * Ph[b].of[l];
-			e.of[l] -= C[b] * f->z[b].of[l];
-		}
-	}
-	EACH {
-		e.of[l] -= f->coloured ? f->z[own].of[l] : 0;
-		unit.of[l] = 1 / S.of[l];
-		f->squares.of[l] += e.of[l] * e.of[l] * unit.of[l];
-		f->product.of[l] *= S.of[l];
-	}
-	for (size_t a = 0; a < N; a++) {
-		lanes K, *z = &f->z[a];
-		EACH {
-			K.of[l] = Ph[a].of[l] * unit.of[l];
-			z->of[l] += K.of[l] * e.of[l];
-		}
-		for (size_t b = 0; b <= a; b++) {
-			lanes *p = &f->P[a * N + b], *q = &f->P[b * N + a];
-			EACH { p->of[l] -= K.of[l] * Ph[b].of[l]; }
-			*q = *p;
-		}
-	}
-}
-
-/* to += weight x from, over a row of N */
-static void add(lanes *to, const lanes *from, const lanes *weight, size_t count, size_t to_step, size_t from_step) {
-	for (size_t j = 0; j < count; j++) {
-		lanes *a = to + j * to_step;
-		const lanes *b = from + j * from_step;
-		EACH { a->of[l] += weight->of[l] * b->of[l]; }
-	}
-}
-
-/* Element (i, k) of the transition; whether it is other than zero. */
-static int element(const filter *f, const double *A, const double *G, size_t i, size_t k, lanes *out) {
-	if (i >= f->n) {
-		*out = f->rho[i];
-		return i == k;
-	}
-	if (k < f->n) {
-		*out = spread(A[i * f->n + k]);
-		return A[i * f->n + k] != 0;
-	}
-	if (k >= f->n + f->r || G[i * f->r + k - f->n] == 0) { return 0; }
-	EACH { out->of[l] = G[i * f->r + k - f->n] * f->process[k].of[l]; }
-	return 1;
-}
-
-static void predict(filter *f, const double *A, const double *G, const double *D) {
-	const tk_noises *s = f->noises;
-	const size_t N = f->N, n = f->n;
-	lanes F;
-	memset(f->work, 0, N * N * sizeof *f->work);
-	for (size_t i = 0; i < N; i++) { f->after[i] = spread(i < n ? D[i] : 0); }
-	for (size_t i = 0; i < N; i++) {
-		for (size_t k = 0; k < N; k++) {
-			if (!element(f, A, G, i, k, &F)) { continue; }
-			add(f->work + i * N, f->P + k * N, &F, N, 1, 1);
-			add(f->after + i, f->z + k, &F, 1, 1, 1);
-		}
-	}
-	memcpy(f->z, f->after, N * sizeof *f->z);
-	memset(f->P, 0, N * N * sizeof *f->P);
-	for (size_t j = 0; j < N; j++) {
-		for (size_t k = 0; k < N; k++) {
-			if (element(f, A, G, j, k, &F)) { add(f->P + j * N, f->work + k, &F, N, 1, N); }
-		}
-	}
-	for (size_t j = n; j < N; j++) {
-		lanes *p = &f->P[j * N + j];
-		const int coloured_state = j >= n + f->r;
-		EACH {
-			const double sd = coloured_state ? s->coloured[l * f->c + j - n - f->r] : 1;
-			p->of[l] += (1 - f->rho[j].of[l] * f->rho[j].of[l]) * sd * sd;
-		}
-	}
-}
-
-WIDE static void run(filter *f, size_t rows, const tk_path *path, const double *D, const double *E) {
-	f->squares = f->log_det = spread(0);
-	f->product = spread(1);
+static INLINED void sweep(filter *f, sizes s, const transition *t, const double *C, size_t rows, const tk_path *path,
+                          const double *D, const double *E) {
 	for (size_t k = 0; k < rows; k++) {
-		if (path->begins[k]) { start(f); }
-		for (size_t i = 0; i < f->c; i++) {
-			const double present = path->variance[k * f->c + i];
-			if (isfinite(present)) { update(f, i, present, E[k * f->c + i]); }
+		const int last = k + 1 == rows;
+		for (size_t h = 0; h < TURNS; h++) {
+			if (path->begins[k]) { start(&f[h], s); }
+			see(&f[h], s, C, path->variance + k * s.c, E + k * s.c);
 		}
-		settle_product(f, k + 1 == rows);
-		if (k + 1 == rows || path->begins[k + 1]) { continue; }
-		predict(f, path->A + k * f->n * f->n, path->G + k * f->n * f->r, D + k * f->n);
+		settle(f, last);
+		for (size_t h = 0; h < TURNS && !last && !path->begins[k + 1]; h++) {
+			weigh(&f[h], t, path->A + k * s.n * s.n, path->G + k * s.n * s.r);
+			from_left(&f[h], s, t, D + k * s.n);
+			from_right(&f[h], s, t);
+		}
 	}
+}
+
+WIDE static void run(filter *f, sizes s, const transition *t, const double *C, size_t rows, const tk_path *path,
+                     const double *D, const double *E) {
+	switch (kind_of(s)) {
+		case WHITE_DRIVE: sweep(f, white_drive, t, C, rows, path, D, E); break;
+		case COLOURED_DRIVE: sweep(f, coloured_drive, t, C, rows, path, D, E); break;
+		default: sweep(f, s, t, C, rows, path, D, E); break;
+	}
+}
+
+/* ---- Setting up ---------------------------------------------------------------- */
+
+/* Whether `matrices` (rows x size) are other than zero in a place somewhere. */
+static int anywhere(size_t rows, size_t size, const double *matrices, size_t place) {
+	for (size_t k = 0; k < rows; k++) {
+		if (matrices[k * size + place] != 0) { return 1; }
+	}
+	return 0;
+}
+
+static void find_elements(transition *t, sizes s, size_t rows, const tk_path *path) {
+	for (size_t i = 0; i < s.n; i++) {
+		for (size_t k = 0; k < s.n + s.r; k++) {
+			const int driven = k >= s.n;
+			const size_t at = driven ? i * s.r + k - s.n : i * s.n + k;
+			if (anywhere(rows, s.n * (driven ? s.r : s.n), driven ? path->G : path->A, at)) {
+				t->elements[t->count++] = (element){k, at, driven};
+			}
+		}
+		t->first[i + 1] = t->count;
+	}
+}
+
+/* Lane l of a filter is of noise number `at`. */
+static void take(filter *f, sizes s, const tk_noises *noises, size_t at, size_t l) {
+	for (size_t i = 0; i < s.c; i++) { OF(f->white[i], l) = noises->white[at * s.c + i]; }
+	for (size_t i = 0; i < s.n; i++) { OF(f->begin[i], l) = noises->start[i] * noises->start[i]; }
+	for (size_t j = s.n; j < s.N; j++) {
+		const size_t motion = at * s.r + j - s.n, channel = at * s.c + j - s.n - s.r;
+		const int moves = j < s.n + s.r;
+		const double rho = moves ? noises->process_rho[motion] : noises->coloured_rho[channel];
+		const double sd = moves ? 1 : noises->coloured[channel];
+		OF(f->process[j], l) = moves ? noises->process[motion] : 0;
+		OF(f->rho[j], l) = rho;
+		OF(f->grows[j], l) = (1 - rho * rho) * sd * sd;
+		OF(f->begin[j], l) = sd * sd;
+	}
+}
+
+static lanes *filter_of(filter *f, sizes s, const tk_noises *noises, size_t first, lanes *memory) {
+	lanes **parts[] = {&f->P, &f->work, &f->F, &f->z, &f->after, &f->process, &f->rho, &f->grows, &f->begin, &f->white};
+	const size_t needs[] = {s.N * s.N, s.N * s.N, s.n * (s.n + s.r), s.N, s.N, s.N, s.N, s.N, s.N, s.c};
+	for (size_t i = 0; i < sizeof needs / sizeof *needs; i++) {
+		*parts[i] = memory;
+		memory += needs[i];
+	}
+	const lanes zero = {0};
+	f->squares = f->log_det = zero;
+	f->product = zero + 1;
+	EACH { take(f, s, noises, first + l, l); }
+	return memory;
 }
 
 int tk_deviances(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E, double *out) {
-	const size_t n = noises->n, r = noises->r, c = noises->c, coloured = noises->coloured ? c : 0, N = n + r + coloured;
-	if (N > MOST) { return fail("a filter of %zu states: at most %d", N, MOST); }
-	filter f = {.noises = noises, .n = n, .r = r, .c = c, .coloured = coloured, .N = N};
-	lanes *memory = calloc(2 * N * N + 2 * N, sizeof *memory);
-	if (!memory) { return fail("out of memory"); }
-	f.P = memory;
-	f.work = memory + N * N;
-	f.z = memory + 2 * N * N;
-	f.after = f.z + N;
-	for (size_t j = n; j < N; j++) {
-		EACH {
-			f.process[j].of[l] = j < n + r ? noises->process[l * r + j - n] : 0;
-			f.rho[j].of[l] = j < n + r ? noises->process_rho[l * r + j - n] : noises->coloured_rho[l * c + j - n - r];
+	const sizes s = sizes_of(noises->n, noises->r, noises->c, noises->coloured != NULL, noises->C);
+	if (s.N > MOST) { return fail("a filter of %zu states: at most %d", s.N, MOST); }
+	const size_t each = 2 * s.N * s.N + s.n * (s.n + s.r) + 6 * s.N + s.c;
+	double *memory = calloc((TURNS * each + 1) * LANES, sizeof *memory);
+	transition t = {.elements = calloc(s.n * (s.n + s.r) + 1, sizeof *t.elements)};
+	if (memory && t.elements) {
+		filter f[TURNS];
+		lanes *next = aligned(memory);
+		for (size_t h = 0; h < TURNS; h++) { next = filter_of(&f[h], s, noises, h * LANES, next); }
+		find_elements(&t, s, rows, path);
+		run(f, s, &t, noises->C, rows, path, D, E);
+		for (size_t i = 0; i < NOISES; i++) {
+			out[i] = OF(f[i / LANES].squares, i % LANES) + OF(f[i / LANES].log_det, i % LANES);
 		}
 	}
-	run(&f, rows, path, D, E);
-	EACH { out[l] = f.squares.of[l] + f.log_det.of[l]; }
+	const int status = memory && t.elements ? TK_OK : fail("out of memory");
+	free(t.elements);
 	free(memory);
-	return TK_OK;
+	return status;
 }

@@ -37,7 +37,7 @@ def patched(log):
 class Small:
     """A filter of random numbers: two runs of rows, a channel that is missing now and then."""
 
-    def __init__(self, tint, n=3, r=2, c=2, rows=(7, 5)):
+    def __init__(self, tint, n=3, r=2, c=2, rows=(7, 5), drive=False):
         rng = np.random.default_rng(8)
         K = sum(rows)
         self.rows, self.shape = rows, (n, r, c)
@@ -49,7 +49,9 @@ class Small:
         self.variance[[2, 3, 8], [0, 1, 1]] = np.inf
         self.start, self.push, self.keeps = rng.uniform(0.5, 2, n), rng.uniform(0.2, 1, r), rng.uniform(0.1, 0.9, r)
         self.tint, self.tint_rho = tint * rng.uniform(0.5, 1, c), rng.uniform(0.1, 0.9, c)
-        self.D, self.E = rng.normal(size=(K, n, 3)), rng.normal(size=(K, c, 3))
+        self.D, self.E = rng.normal(size=(K, n, 15)), rng.normal(size=(K, c, 15))
+        if drive:  # as small as it is: each channel is a state
+            self.C, self.A = np.eye(n), np.eye(n) + 0.03 * rng.normal(size=(K, n, n))
 
     def arguments(self):
         return (
@@ -88,9 +90,14 @@ class Small:
             yield np.array(seen), np.array(made) @ np.array(made).T
 
 
+DRIVE = {"r": 3, "c": 3, "rows": (70, 5), "drive": True}  # more rows than all columns go along at once
+BOTH = pytest.mark.parametrize("shape", [{}, DRIVE], ids=["any", "drive"])
+
+
+@BOTH
 @pytest.mark.parametrize("tint", [0.0, 1.0], ids=["white", "coloured"])
-def test_filter_whitens_as_the_factor_of_the_whole_covariance_does(tint):
-    small = Small(tint)
+def test_filter_whitens_as_the_factor_of_the_whole_covariance_does(tint, shape):
+    small = Small(tint, **shape)
     filter = Filter(*small.arguments())
     ours, log_det = filter.whiten(small.D, small.E), filter.log_det
     expected, determinants = [], []
@@ -103,8 +110,19 @@ def test_filter_whitens_as_the_factor_of_the_whole_covariance_does(tint):
 
 
 @pytest.mark.parametrize("tint", [0.0, 1.0], ids=["white", "coloured"])
-def test_likelihoods_of_eight_noises_are_those_of_normal_distributions(tint):
-    small = Small(tint)
+def test_columns_are_whitened_alike_however_many_there_are(tint):
+    """Bit for bit: they go along the path in parts."""
+    small = Small(tint, **DRIVE)
+    filter = Filter(*small.arguments())
+    whole = filter.whiten(small.D, small.E)
+    for count in range(1, 15):
+        assert np.array_equal(filter.whiten(small.D[..., :count], small.E[..., :count]), whole[..., :count])
+
+
+@BOTH
+@pytest.mark.parametrize("tint", [0.0, 1.0], ids=["white", "coloured"])
+def test_likelihoods_of_eight_noises_are_those_of_normal_distributions(tint, shape):
+    small = Small(tint, **shape)
     scales, expected = np.linspace(0.5, 2, LANES), []
     rows = lambda values: scales[:, None] * values  # noqa: E731
     keeps = [np.tile(k, (LANES, 1)) for k in (small.keeps, small.tint_rho)]

@@ -11,8 +11,6 @@
 #include "tinykoop_sim.h"
 #include "wide.h"
 
-enum { NOISES = 8, TURNS = NOISES / LANES };
-
 /* An element of the transition that is not zero in every row: by the deviation, or driven by random motion. */
 typedef struct element {
 	size_t column, at;
@@ -38,16 +36,21 @@ static INLINED void start(filter *f, sizes s) {
 	for (size_t i = 0; i < s.N; i++) { f->P[i * s.N + i] = f->begin[i]; }
 }
 
-static int leaves_range(const filter *f) {
+static INLINED int leaves_range(const filter *f) {
 	int far = 0;
 	EACH { far |= !(OF(f->product, l) > 1e-100 && OF(f->product, l) < 1e100); }
 	return far;
 }
 
-static void settle_product(filter *f) {
-	EACH {
-		OF(f->log_det, l) += log(OF(f->product, l));
-		OF(f->product, l) = 1;
+/* Logarithms are slow: one of a product, before that of any noise leaves the numbers. */
+static INLINED void settle(filter *f, size_t filters, int last) {
+	int far = last;
+	for (size_t h = 0; h < filters; h++) { far |= leaves_range(&f[h]); }
+	for (size_t h = 0; far && h < filters; h++) {
+		EACH {
+			OF(f[h].log_det, l) += log(OF(f[h].product, l));
+			OF(f[h].product, l) = 1;
+		}
 	}
 }
 
@@ -62,6 +65,7 @@ static INLINED void update(filter *f, sizes s, const double *C, size_t i, double
 	const size_t own = s.n + s.r + i, from = s.plain ? i : 0, to = s.plain ? i + 1 : s.n;
 	const lanes zero = {0};
 	lanes Ph[MOST], S = f->white[i] * present, e = zero + seen;
+	UNROLLED
 	for (size_t a = 0; a < s.N; a++) {
 		Ph[a] = s.coloured ? f->P[place(s, a, own, whole)] : zero;
 		for (size_t b = from; b < to; b++) {
@@ -77,6 +81,7 @@ static INLINED void update(filter *f, sizes s, const double *C, size_t i, double
 	const lanes unit = 1 / S;
 	f->squares += e * e * unit;
 	f->product *= S;
+	UNROLLED
 	for (size_t a = 0; a < s.N; a++) {
 		const lanes K = Ph[a] * unit;
 		f->z[a] += K * e;
@@ -85,6 +90,7 @@ static INLINED void update(filter *f, sizes s, const double *C, size_t i, double
 }
 
 static INLINED void mirror(filter *f, sizes s) {
+	UNROLLED
 	for (size_t a = 0; a < s.N; a++) {
 		for (size_t b = 0; b < a; b++) { f->P[b * s.N + a] = f->P[a * s.N + b]; }
 	}
@@ -103,6 +109,7 @@ static INLINED void weigh(filter *f, const transition *t, const double *A, const
 /* work = F P and after = F z + D */
 static INLINED void from_left(filter *f, sizes s, const transition *t, const double *D) {
 	const lanes zero = {0};
+	UNROLLED
 	for (size_t i = 0; i < s.n; i++) {
 		lanes sums[MOST], sum = zero + D[i];
 		for (size_t j = 0; j < s.N; j++) { sums[j] = zero; }
@@ -114,6 +121,7 @@ static INLINED void from_left(filter *f, sizes s, const transition *t, const dou
 		for (size_t j = 0; j < s.N; j++) { f->work[i * s.N + j] = sums[j]; }
 		f->after[i] = sum;
 	}
+	UNROLLED
 	for (size_t i = s.n; i < s.N; i++) {
 		for (size_t j = 0; j < s.N; j++) { f->work[i * s.N + j] = f->rho[i] * f->P[i * s.N + j]; }
 		f->after[i] = f->rho[i] * f->z[i];
@@ -123,6 +131,7 @@ static INLINED void from_left(filter *f, sizes s, const transition *t, const dou
 /* P = work F' and the noise; z = after */
 static INLINED void from_right(filter *f, sizes s, const transition *t) {
 	const lanes zero = {0};
+	UNROLLED
 	for (size_t j = 0; j < s.n; j++) {
 		lanes sums[MOST];
 		for (size_t i = 0; i < s.N; i++) { sums[i] = zero; }
@@ -132,6 +141,7 @@ static INLINED void from_right(filter *f, sizes s, const transition *t) {
 		}
 		for (size_t i = 0; i < s.N; i++) { f->P[j * s.N + i] = sums[i]; }
 	}
+	UNROLLED
 	for (size_t j = s.n; j < s.N; j++) {
 		for (size_t i = 0; i < s.N; i++) { f->P[j * s.N + i] = f->rho[j] * f->work[i * s.N + j]; }
 		f->P[j * s.N + j] += f->grows[j];
@@ -151,36 +161,34 @@ static INLINED void see(filter *f, sizes s, const double *C, const double *varia
 	if (!whole) { mirror(f, s); }
 }
 
-/* Logarithms are slow: one of a product, before that of any noise leaves the numbers. */
-static INLINED void settle(filter *f, int last) {
-	int far = last;
-	for (size_t h = 0; h < TURNS; h++) { far |= leaves_range(&f[h]); }
-	for (size_t h = 0; far && h < TURNS; h++) { settle_product(&f[h]); }
+static INLINED void predict(filter *f, sizes s, const transition *t, const double *A, const double *G, const double *D) {
+	weigh(f, t, A, G);
+	from_left(f, s, t, D);
+	from_right(f, s, t);
 }
 
-static INLINED void sweep(filter *f, sizes s, const transition *t, const double *C, size_t rows, const tk_path *path,
-                          const double *D, const double *E) {
+/* All filters in turn at each row: what one loads is there for the others, and none waits for another. */
+static INLINED void sweep(filter *f, size_t filters, sizes s, const transition *t, const double *C, size_t rows,
+                          const tk_path *path, const double *D, const double *E) {
 	for (size_t k = 0; k < rows; k++) {
 		const int last = k + 1 == rows;
-		for (size_t h = 0; h < TURNS; h++) {
+		for (size_t h = 0; h < filters; h++) {
 			if (path->begins[k]) { start(&f[h], s); }
 			see(&f[h], s, C, path->variance + k * s.c, E + k * s.c);
 		}
-		settle(f, last);
-		for (size_t h = 0; h < TURNS && !last && !path->begins[k + 1]; h++) {
-			weigh(&f[h], t, path->A + k * s.n * s.n, path->G + k * s.n * s.r);
-			from_left(&f[h], s, t, D + k * s.n);
-			from_right(&f[h], s, t);
+		settle(f, filters, last);
+		for (size_t h = 0; h < filters && !last && !path->begins[k + 1]; h++) {
+			predict(&f[h], s, t, path->A + k * s.n * s.n, path->G + k * s.n * s.r, D + k * s.n);
 		}
 	}
 }
 
-WIDE static void run(filter *f, sizes s, const transition *t, const double *C, size_t rows, const tk_path *path,
+WIDE static void run(filter *f, size_t filters, sizes s, const transition *t, const double *C, size_t rows, const tk_path *path,
                      const double *D, const double *E) {
 	switch (kind_of(s)) {
-		case WHITE_DRIVE: sweep(f, white_drive, t, C, rows, path, D, E); break;
-		case COLOURED_DRIVE: sweep(f, coloured_drive, t, C, rows, path, D, E); break;
-		default: sweep(f, s, t, C, rows, path, D, E); break;
+		case WHITE_DRIVE: sweep(f, filters, white_drive, t, C, rows, path, D, E); break;
+		case COLOURED_DRIVE: sweep(f, filters, coloured_drive, t, C, rows, path, D, E); break;
+		default: sweep(f, filters, s, t, C, rows, path, D, E); break;
 	}
 }
 
@@ -223,6 +231,7 @@ static void take(filter *f, sizes s, const tk_noises *noises, size_t at, size_t 
 	}
 }
 
+/* A filter of the noises from number `first` on; the last one stands for those that are lacking. */
 static lanes *filter_of(filter *f, sizes s, const tk_noises *noises, size_t first, lanes *memory) {
 	lanes **parts[] = {&f->P, &f->work, &f->F, &f->z, &f->after, &f->process, &f->rho, &f->grows, &f->begin, &f->white};
 	const size_t needs[] = {s.N * s.N, s.N * s.N, s.n * (s.n + s.r), s.N, s.N, s.N, s.N, s.N, s.N, s.c};
@@ -233,23 +242,24 @@ static lanes *filter_of(filter *f, sizes s, const tk_noises *noises, size_t firs
 	const lanes zero = {0};
 	f->squares = f->log_det = zero;
 	f->product = zero + 1;
-	EACH { take(f, s, noises, first + l, l); }
+	EACH { take(f, s, noises, first + l < noises->count ? first + l : noises->count - 1, l); }
 	return memory;
 }
 
 int tk_deviances(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E, double *out) {
 	const sizes s = sizes_of(noises->n, noises->r, noises->c, noises->coloured != NULL, noises->C);
 	if (s.N > MOST) { return fail("a filter of %zu states: at most %d", s.N, MOST); }
-	const size_t each = 2 * s.N * s.N + s.n * (s.n + s.r) + 6 * s.N + s.c;
-	double *memory = calloc((TURNS * each + 1) * LANES, sizeof *memory);
+	const size_t filters = (noises->count + LANES - 1) / LANES, of_each = sizeof(filter) / sizeof(lanes) + 1;
+	const size_t each = of_each + 2 * s.N * s.N + s.n * (s.n + s.r) + 6 * s.N + s.c;
+	double *memory = calloc((filters * each + 1) * LANES, sizeof *memory);
 	transition t = {.elements = calloc(s.n * (s.n + s.r) + 1, sizeof *t.elements)};
 	if (memory && t.elements) {
-		filter f[TURNS];
-		lanes *next = aligned(memory);
-		for (size_t h = 0; h < TURNS; h++) { next = filter_of(&f[h], s, noises, h * LANES, next); }
+		filter *f = (filter *)aligned(memory);
+		lanes *next = aligned(memory) + filters * of_each;
+		for (size_t h = 0; h < filters; h++) { next = filter_of(&f[h], s, noises, h * LANES, next); }
 		find_elements(&t, s, rows, path);
-		run(f, s, &t, noises->C, rows, path, D, E);
-		for (size_t i = 0; i < NOISES; i++) {
+		run(f, filters, s, &t, noises->C, rows, path, D, E);
+		for (size_t i = 0; i < noises->count; i++) {
 			out[i] = OF(f[i / LANES].squares, i % LANES) + OF(f[i / LANES].log_det, i % LANES);
 		}
 	}

@@ -15,6 +15,11 @@ typedef double lanes __attribute__((vector_size(32)));
 typedef double lanes;
 #define INLINED inline
 #endif
+#if defined(__GNUC__) && !defined(__clang__)
+#define UNROLLED _Pragma("GCC unroll 16") /* the next loop, whose inner loops then have bounds that the compiler knows */
+#else
+#define UNROLLED
+#endif
 enum { LANES = sizeof(lanes) / sizeof(double), MOST = 48 }; /* MOST: states of a filter */
 
 #define EACH for (size_t l = 0; l < LANES; l++)

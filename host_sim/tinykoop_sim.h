@@ -223,15 +223,15 @@ TK_API int tk_gains(const tk_noise *noise, size_t rows, const tk_path *path, dou
 TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *gains,
                      const double *units, const double *D, const double *E, double *out);
 
-/* Eight noises at once: rows of r or c for each; white: variance of sensor noise; coloured may be null. */
+/* `count` noises at once: rows of r or c for each; white: variance of sensor noise; coloured may be null. */
 typedef struct tk_noises {
-	size_t n, r, c;
+	size_t count, n, r, c;
 	const double *start, *C;
 	const double *process, *process_rho;
 	const double *white, *coloured, *coloured_rho;
 } tk_noises;
 
-/* Deviance, -2 log likelihood but for a constant, of one residual under each of eight noises, into `out`; the variances of
+/* Deviance, -2 log likelihood but for a constant, of one residual under each of the noises, into `out`; the variances of
  * `path` are multiples of the noises' own. */
 TK_API int tk_deviances(const tk_noises *noises, size_t rows, const tk_path *path, const double *D, const double *E,
                         double *out);

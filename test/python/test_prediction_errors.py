@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, stats
 from test_diagnose import DT, SP, ST, START, as_log, drive, log_of, noise_of, usual
 from tinykoop import bridge
-from tinykoop.bridge.whitening import LANES, Filter, deviances
+from tinykoop.bridge.whitening import Deviances, Filter
 from tinykoop.diagnose.platforms import ddr
 from tinykoop.diagnose.prediction_errors import ahead, judge, noise, simpler, spans, weighed
 from tinykoop.diagnose.prediction_errors.fit import SPREAD, Cause, Fit, Fitter
@@ -121,32 +121,24 @@ def test_columns_are_whitened_alike_however_many_there_are(tint):
 
 @BOTH
 @pytest.mark.parametrize("tint", [0.0, 1.0], ids=["white", "coloured"])
-def test_likelihoods_of_eight_noises_are_those_of_normal_distributions(tint, shape):
+def test_likelihoods_of_nine_noises_are_those_of_normal_distributions(tint, shape):
     small = Small(tint, **shape)
-    scales, expected = np.linspace(0.5, 2, LANES), []
+    scales, expected = np.linspace(0.5, 2, 9), []
     rows = lambda values: scales[:, None] * values  # noqa: E731
-    keeps = [np.tile(k, (LANES, 1)) for k in (small.keeps, small.tint_rho)]
+    keeps = [np.tile(k, (len(scales), 1)) for k in (small.keeps, small.tint_rho)]
     white = np.tile(scales[:, None] ** 2, (1, small.shape[2]))
-    arguments = (
-        small.begins,
-        small.A,
-        small.G,
-        small.variance,
-        small.start,
-        small.C,
-        rows(small.push),
-        keeps[0],
-        white,
-        rows(small.tint),
-        keeps[1],
-    )
-    ours = deviances(*arguments, small.D[..., 0], small.E[..., 0])
+    path = small.begins, small.A, small.G, small.variance, small.start, small.C
+    noises = rows(small.push), keeps[0], white, rows(small.tint), keeps[1]
+    residual = Deviances(*path, small.D[..., 0], small.E[..., 0])
+    ours = residual.under(*noises)
     variance, push, sd = small.variance, small.push, small.tint
     for s in scales:
         small.variance, small.push, small.tint = s**2 * variance, s * push, s * sd
         dense = list(small.dense())
         expected.append(sum(-2 * stats.multivariate_normal(cov=c).logpdf(y[:, 0]) - len(y) * np.log(2 * np.pi) for y, c in dense))
     np.testing.assert_allclose(ours, expected, rtol=1e-9)
+    for count in range(1, 9):
+        np.testing.assert_allclose(residual.under(*(values[:count] for values in noises)), ours[:count], rtol=1e-13)
 
 
 def test_filter_of_too_many_states_is_refused():

@@ -1,12 +1,10 @@
-"""The Kalman filter of host_sim/: whiten.c for many columns under one noise, deviances.c for one residual under eight."""
+"""The Kalman filter of host_sim/: whiten.c for many columns under one noise, deviances.c for one residual under several."""
 
 import ctypes as ct
 
 import numpy as np
 
 from .library import address, call, reals
-
-LANES = 8  # noises at once
 
 
 class _Noise(ct.Structure):
@@ -49,21 +47,27 @@ class Filter:
 
 
 class _Noises(ct.Structure):
-    _fields_ = [(name, ct.c_size_t) for name in ("n", "r", "c")] + [
+    _fields_ = [(name, ct.c_size_t) for name in ("count", "n", "r", "c")] + [
         (name, ct.c_void_p) for name in ("start", "C", "process", "process_rho", "white", "coloured", "coloured_rho")
     ]
 
 
-def deviances(begins, A, G, present, start, C, process, process_rho, white, coloured, coloured_rho, D, E):
-    """Deviances (8,), -2 log likelihood but for a constant, of one residual D (K, n), E (K, c) under noises whose rows are process (8, r), white (8, c), .."""
-    if not np.any(coloured):
-        coloured = coloured_rho = None
-    begins = np.ascontiguousarray(begins, np.int32)
-    kept = [None if a is None else reals(a) for a in (A, G, present, start, C, process, process_rho, white, coloured, coloured_rho, D, E)]
-    A, G, present, start, C, process, process_rho, white, coloured, coloured_rho, D, E = kept
-    K, n, r = G.shape
-    out = np.empty(LANES)
-    noises = _Noises(n, r, E.shape[1], *map(address, (start, C, process, process_rho, white, coloured, coloured_rho)))
-    path = _Path(*map(address, (begins, A, G, present)))
-    call("tk_deviances", ct.byref(noises), ct.c_size_t(K), ct.byref(path), address(D), address(E), address(out))
-    return out
+class Deviances:
+    """Of one residual, D (K, n) and E (K, c), along a path of K rows, under any noises: -2 log likelihood but for a constant."""
+
+    def __init__(self, begins, A, G, present, start, C, D, E):
+        self._kept = np.ascontiguousarray(begins, np.int32), *map(reals, (A, G, present, start, C, D, E))
+        begins, A, G, present, start, C, D, E = self._kept
+        self._shape, self._of_path = (*G.shape[1:], E.shape[1]), (address(start), address(C))
+        self._path = _Path(*map(address, (begins, A, G, present)))
+        self._arguments = ct.c_size_t(len(G)), ct.byref(self._path), address(D), address(E)
+
+    def under(self, process, process_rho, white, coloured, coloured_rho):
+        """Deviances (m,) under m noises, whose rows are process (m, r), white (m, c), .."""
+        if not np.any(coloured):
+            coloured = coloured_rho = None
+        rows = [None if a is None else reals(a) for a in (process, process_rho, white, coloured, coloured_rho)]
+        out = np.empty(len(process))
+        noises = _Noises(len(out), *self._shape, *self._of_path, *map(address, rows))
+        call("tk_deviances", ct.byref(noises), *self._arguments, address(out))
+        return out

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from ...bridge.whitening import LANES, Filter, deviances
+from ...bridge.whitening import Deviances, Filter
 
 QUIET = 2e-4  # of the usual speed: less random motion than that is none
 CORRELATED = 1e-2  # of a row with the next, below which sensor noise is white
@@ -17,6 +17,7 @@ SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
 COARSEST = 2e7  # times the finest noise of a sensor, that it may have
 FILTERS = 2  # noises of a path whose filters are kept: a fit asks for one again and again
+AT_ONCE = 8  # noises whose likelihoods are computed together
 ROUNDS, TOLERANCE, STEP = 15, 0.02, 1e-4  # of the search; of -2 log likelihood; by which slopes are taken
 
 
@@ -128,11 +129,15 @@ class _Vector:
         return np.clip(z, *np.transpose(self.bounds))
 
     def noise(self, z):
+        return Noise(*(values[0] for values in self.noises(z[None])))
+
+    def noises(self, z):
+        """What Noise has, of each of the vectors z (m, p)."""
         g, m, t = self.cuts
-        sensor, process, tau, rho = z[:g], z[g:m], z[m:t], z[t:]
-        keeps = np.full(len(process), np.exp(-self.path.dt / np.exp(tau[0])))
-        rho = rho if self.coloured else np.zeros(len(self.groups))
-        return Noise(np.exp(sensor)[self.pick], rho[self.pick], np.exp(process) * self.path.usual, keeps)
+        sensor, process, tau, rho = z[:, :g], z[:, g:m], z[:, m:t], z[:, t:]
+        keeps = np.repeat(np.exp(-self.path.dt / np.exp(tau)), m - g, 1)
+        rho = rho if self.coloured else np.zeros((len(z), g))
+        return np.exp(sensor)[:, self.pick], rho[:, self.pick], np.exp(process) * self.path.usual, keeps
 
 
 def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
@@ -142,14 +147,16 @@ def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
     """
     vector = _Vector(path, bool((noise.sensor_rho > CORRELATED).any()) if coloured is None else coloured)
 
+    residual = Deviances(path.begins, path.A, path.G, path.present, SPREAD * path.spread, path.C, D[..., 0], E[..., 0])
+
     def deviances_of(zs):
-        """-2 log likelihoods of vectors (m, p), eight at a time."""
-        out = []
-        for some in np.array_split(zs, -(-len(zs) // LANES)):
-            noises = [vector.noise(z) for z in some]
-            noises += [noises[0]] * (LANES - len(noises))
-            out.append(_deviances(path, noises, D[..., 0], E[..., 0])[: len(some)])
-        return np.concatenate(out)
+        """-2 log likelihoods of vectors (m, p), some at a time."""
+        return np.concatenate([of_some(*vector.noises(some)) for some in np.array_split(zs, -(-len(zs) // AT_ONCE))])
+
+    def of_some(sensor, rho, process, process_rho):
+        coloured = rho > CORRELATED
+        white = np.where(coloured, WHITE, 1.0) * sensor**2
+        return residual.under(process, process_rho, white, np.where(coloured, sensor, 0.0), rho)
 
     def with_slope(z):
         values = deviances_of(np.concatenate([[z], z + STEP * np.eye(len(z))]))
@@ -163,11 +170,3 @@ def likeliest(path, noise, D, E, rounds=ROUNDS, coloured=None):
         options={"maxiter": rounds, "ftol": TOLERANCE / max(abs(begun.min()), 1.0)},
     )  # fmt: skip
     return vector.noise(found.x), float(found.fun)
-
-
-def _deviances(path, noises, D, E):
-    columns = (np.stack([getattr(n, name) for n in noises]) for name in ("process", "process_rho", "sensor", "sensor_rho"))
-    process, process_rho, sensor, rho = columns
-    white = np.where(rho > CORRELATED, WHITE, 1.0) * sensor**2
-    tint = np.where(rho > CORRELATED, sensor, 0.0)
-    return deviances(path.begins, path.A, path.G, path.present, SPREAD * path.spread, path.C, process, process_rho, white, tint, rho, D, E)

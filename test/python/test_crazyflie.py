@@ -101,6 +101,23 @@ def test_kbuild_names_the_sources_of_the_folder():
     assert {name.removesuffix(".o") for name in objects_of(EXAMPLE / "src/Kbuild")} == {p.stem for p in (EXAMPLE / "src").glob("*.c")}
 
 
+@pytest.mark.parametrize("switch, last", [((), "planner.o"), (("BENCHMARK=1",), "benchmark.o")])
+def test_the_benchmark_takes_the_place_of_the_planner(switch, last):
+    read = f"include {EXAMPLE}/src/Kbuild\nall: ; @echo $(obj-y)\n"
+    done = subprocess.run(["make", "-f", "-", *switch], input=read, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["learner.o", last, "library.o"]
+
+
+@needs_gcc
+def test_the_benchmark_is_a_task_that_makes_no_plans(tmp_path):
+    for prefix, flags in {"": [], **({"arm-none-eabi-": CORTEX_M4F} if shutil.which("arm-none-eabi-gcc") else {})}.items():
+        out = tmp_path / f"{prefix}benchmark.o"
+        run(f"{prefix}gcc", *FLAGS, *flags, "-c", EXAMPLE / "src/benchmark.c", "-o", out)
+        assert re.findall(r" [A-Z] (\w+)$", run("nm", "--defined-only", "-g", out), re.M) == ["appMain"]
+        undefined = set(re.findall(r" U (\w+)", run("nm", out)))
+        assert "plans" not in undefined and not {n for n in undefined if re.match(r"__aeabi_(d|[fliu]+2d)|malloc", n)}
+
+
 @pytest.fixture
 def firmware(tmp_path):
     """Stands in for the firmware's checkout: configures with the app's file, then builds, as its oot.mk is documented to do."""

@@ -22,7 +22,7 @@ from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import number, output_folder, print_table, progress, write_json
 from ..plumbing.sources import regulators
-from . import callgraph, cycles
+from . import boards, callgraph, cycles
 
 FOLDER = ROOT / "targets"
 BUILD = ROOT / "build/targets"
@@ -446,7 +446,7 @@ NAMES = {
 
 
 def markdown(rows):
-    """All of footprint.json as tables."""
+    """All of footprint.json as tables, and what was measured on boards."""
     once = [row for row in rows if _size(row) == SIZES[0]]
     code = [[f"{row['target']} -{_level(row)}", *map(_grouped, (row["text"], row["text_learn"], row["data"], row["bss"]))] for row in once]
     functions = sorted({name for row in once for name in row["stack"]})
@@ -459,8 +459,9 @@ def markdown(rows):
         pages.table("Bytes of stack", ["", *[f"{row['target']} -{_level(row)}" for row in once]], depth),
         *[_instructions_table(rows, level) for level in LEVELS],
         *[_cycles_table(rows, level) for level in LEVELS],
+        boards.table(boards.read()),
     ]
-    return "\n".join(parts)
+    return "\n".join(filter(None, parts))
 
 
 def _decisive(count, regulator="dz_cs"):

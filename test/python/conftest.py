@@ -43,6 +43,25 @@ def tinykoop_in(monkeypatch, capsys):
     return run
 
 
+@pytest.fixture(scope="session")
+def firmware(tmp_path_factory):
+    """firmware("koopf"): object of lib/koopf.c, compiled as a firmware does: once, whoever links it."""
+    from tinykoop.plumbing.locks import locked
+
+    base = tmp_path_factory.getbasetemp()
+    folder = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def get(unit):
+        path = folder / f"{unit}.o"
+        with locked(folder / f"{unit}.lock"):
+            if not path.exists():
+                command = ["gcc", "-std=c99", "-O2", "-I", ROOT / "lib/include", "-c", ROOT / f"lib/{unit}.c", "-o", path]
+                subprocess.run(command, check=True)
+        return path
+
+    return get
+
+
 @pytest.fixture(autouse=True, scope="session")
 def titles_fit():
     """Every title of a plot that a test makes ends within the figure."""

@@ -64,11 +64,11 @@ def pair(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory):
+def said(tmp_path_factory, firmware):
     """What the consumer prints with lib/ compiled as the README says; and that it has learned and controlled."""
     program = tmp_path_factory.mktemp("plain") / "consumer"
     include = f"-I{ROOT / 'lib/include'}"
-    run("gcc", "-std=c99", "-O2", include, CONSUMER / "main.c", ROOT / "lib/koopf.c", "-o", program, "-lm")
+    run("gcc", "-std=c99", "-O2", include, CONSUMER / "main.c", firmware("koopf"), "-o", program, "-lm")
     line = run(program)
     speed, off = map(float, re.fullmatch(r"speed (\S+) off (\S+) m\n", line).groups())
     assert 1.4 < speed < 1.6  # of a path that goes on at 1.5 m/s

@@ -101,7 +101,7 @@ def states(count=200):
     return np.random.default_rng(1).normal(size=(count, 3)).astype(np.float32).astype(float) * 2
 
 
-def lifted_by_c(folder, precision, before, dictionary, x):
+def lifted_by_c(firmware, folder, precision, before, dictionary, x):
     """psi (K, N) of a program by gcc, which has this C code before it and a dictionary by this expression."""
     koop, real = REAL[precision]
     (folder / "main.c").write_text(f"""{before}
@@ -121,7 +121,7 @@ int main(void) {{
 	return 0;
 }}
 """)
-    command = ["gcc", *STRICT, "-I", ROOT / "lib/include", "main.c", ROOT / f"lib/{koop}.c", "-lm", "-o", "main"]
+    command = ["gcc", *STRICT, "-I", ROOT / "lib/include", "main.c", firmware(koop), "-lm", "-o", "main"]
     subprocess.run(command, cwd=folder, check=True)
     rows = "\n".join(" ".join(float(v).hex() for v in row) for row in x)
     said = subprocess.run([folder / "main"], input=rows, text=True, capture_output=True, check=True).stdout
@@ -136,11 +136,11 @@ def lift(given, precision, x):
 
 
 @pytest.mark.parametrize("precision", ["f32", "f64"])
-def test_c_source_lifts_the_bits_of_firmware(own, precision):
+def test_c_source_lifts_the_bits_of_firmware(own, precision, firmware):
     x = states()
     define = "" if precision == "f32" else "#define KOOP(name) koopd_##name\n#define KOOP_REAL double"
     before = f'#include "tinykoop.h"\n{define}\n{BOTH}'
-    flown = lifted_by_c(own, precision, before, f"made = {REAL[precision][0]}_mine;", x)
+    flown = lifted_by_c(firmware, own, precision, before, f"made = {REAL[precision][0]}_mine;", x)
     np.testing.assert_array_equal(lift(tk.CSource(own / "both.c", "mine"), precision, x), flown)
     exact = np.column_stack([x, x[:, 0] * x[:, 1] / 3, np.sin(x[:, 2]), np.cos(x[:, 2])])
     np.testing.assert_allclose(flown, exact, rtol=0, atol={"f32": 1e-6, "f64": 2e-15}[precision])
@@ -244,13 +244,13 @@ def test_missing_source_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("precision", ["f32", "f64"])
-def test_exported_code_lifts_the_bits_of_python(own, tinykoop_in, precision, tmp_path):
+def test_exported_code_lifts_the_bits_of_python(own, tinykoop_in, precision, tmp_path, firmware):
     x = states()
     arguments = ("-o", tmp_path / "parts.h", "--platform", "ddr", "--precision", precision[1:])
     said = tinykoop_in(own, "dictionary", "export", "own.py:parts", *arguments)
     assert said.returncode == 0 and "n = 3, N = 37" in said.stdout
     before = '#include "parts.h"\n#include "parts.h"\ntypedef char right_size[parts_n_states == 3 && parts_n_lifted == 37 ? 1 : -1];'
-    flown = lifted_by_c(tmp_path, precision, before, "if (parts_dictionary(&made) != KOOP_OK) { return 2; }", x)
+    flown = lifted_by_c(firmware, tmp_path, precision, before, "if (parts_dictionary(&made) != KOOP_OK) { return 2; }", x)
     expected = lift(dictionaries.from_file(f"{own / 'own.py'}:parts"), precision, x)
     assert expected.shape == (len(x), 37)
     np.testing.assert_array_equal(flown, expected)
@@ -296,14 +296,14 @@ int main(void) {{
 
 
 @pytest.mark.parametrize("precision", ["f32", "f64"])
-def test_fitted_model_loads_in_firmware_with_its_source_alone(own, precision, tmp_path):
+def test_fitted_model_loads_in_firmware_with_its_source_alone(own, precision, tmp_path, firmware):
     koop, real = REAL[precision]
     fit.run(own / "log.csv", tmp_path / "model.h", f"{own / 'both.c'}:mine", int(precision[1:]))
     header = (tmp_path / "model.h").read_text()
     assert f'only with the dictionary "mine": {own / "both.c"}:mine' in header and "koop_model_dictionary" not in header
     define = "" if precision == "f32" else "#define KOOP(name) koopd_##name\n#define KOOP_REAL double"
     (tmp_path / "main.c").write_text(MODEL.format(source=define + BOTH, koop=koop, real=real))
-    command = ["gcc", *STRICT, "-I", ROOT / "lib/include", "main.c", ROOT / f"lib/{koop}.c", "-lm", "-o", "main"]
+    command = ["gcc", *STRICT, "-I", ROOT / "lib/include", "main.c", firmware(koop), "-lm", "-o", "main"]
     subprocess.run(command, cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "main"], check=True)
     assert tk.RLS(tk.CSource(own / "both.c", "mine"), 2, precision=precision).load(tmp_path / "model.h", 3).theta.shape == (6, 8)

@@ -289,7 +289,7 @@ int main(void) {
 
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 @pytest.mark.parametrize("name", ["parts", "polynomials"])
-def test_firmware_predicts_the_same_bits(drive, name, precision, tmp_path):
+def test_firmware_predicts_the_same_bits(drive, name, precision, tmp_path, firmware):
     x, u = drive
     model = tk.RLS(DICTIONARIES[name], 2, precision=precision).fit(x, u)
     model.export(tmp_path / "model.h")
@@ -297,7 +297,7 @@ def test_firmware_predicts_the_same_bits(drive, name, precision, tmp_path):
     koop, real = ("koopf", "float") if precision == "f32" else ("koopd", "double")
     subprocess.run(
         ["gcc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", f"-DREAL={real}", f"-DPREFIX(name)={koop}_##name", f"-I{tmp_path}",
-         f"-I{ROOT / 'lib/include'}", f"-I{ROOT / 'lib/src'}", tmp_path / "main.c", ROOT / f"lib/{koop}.c", "-lm", "-o", tmp_path / "main"],
+         f"-I{ROOT / 'lib/include'}", f"-I{ROOT / 'lib/src'}", tmp_path / "main.c", firmware(koop), "-lm", "-o", tmp_path / "main"],
         check=True,
     )  # fmt: skip
     rows = "\n".join(" ".join(float(v).hex() for v in (*a, *b)) for a, b in zip(x[:50], u[:50]))

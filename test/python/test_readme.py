@@ -55,13 +55,13 @@ def test_the_program_of_the_readme_is_the_example(readme):
     assert (ROOT / "examples/learn.c").read_text().partition("*/\n")[2] == program
 
 
-def test_firmware_snippets(readme, tmp_path):
+def test_firmware_snippets(readme, tmp_path, firmware):
     pages = "".join((ROOT / "docs" / name).read_text() for name in ("learning.md", "control.md"))
     snippet = "".join(re.findall(r"```c\n(.*?)```", pages, re.S))
     source = tmp_path / "firmware.c"
     source.write_text(snippet + DRIVE)
     program = tmp_path / "firmware"
-    units = [ROOT / "lib/koopf.c", ROOT / "lib/koopf_supervisor.c"]
+    units = [firmware("koopf"), firmware("koopf_supervisor")]
     include = ["-I", str(ROOT / "lib/include")]
     subprocess.run(["gcc", *FLAGS, *include, str(source), *map(str, units), "-o", str(program), "-lm"], check=True)
     told = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.split()

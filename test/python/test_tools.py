@@ -175,7 +175,7 @@ def test_estimator_behind_the_gate_forgets_a_fault(precision, regulator):
 
 
 @pytest.mark.parametrize("precision", [32, 64])
-def test_fitted_model_starts_firmware(noisy_log, tmp_path, precision):
+def test_fitted_model_starts_firmware(noisy_log, tmp_path, precision, firmware):
     """The header compiles, loads, and holds the least-squares fit of the log."""
     fit.run(noisy_log, tmp_path / "model.h", "poly", precision, p0=1e6)
     koop, real = {32: ("koopf", "float"), 64: ("koopd", "double")}[precision]
@@ -196,10 +196,7 @@ int main(void) {{
 	return 0;
 }}
 """)
-    subprocess.run(
-        ["gcc", "-std=c99", "-I", str(ROOT / "lib/include"), "main.c", str(ROOT / f"lib/{koop}.c"), "-o", "main", "-lm"],
-        check=True, cwd=tmp_path,
-    )  # fmt: skip
+    subprocess.run(["gcc", "-std=c99", "-I", ROOT / "lib/include", "main.c", firmware(koop), "-o", "main", "-lm"], check=True, cwd=tmp_path)
     printed = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
     theta = np.array(printed.split(), float).reshape(7, 9)
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tinykoop.assure import flips
+from tinykoop.assure import campaigns, flips
 from tinykoop.plumbing.errors import UserError
 
 ROW = {
@@ -60,7 +60,7 @@ def test_a_seed_that_does_not_fit(tmp_path):
 
 
 def test_what_does_not_hold_is_refused_and_written_down(tmp_path, monkeypatch):
-    monkeypatch.setattr(flips, "build", lambda: None)
+    monkeypatch.setattr(campaigns, "build", lambda name: None)
     monkeypatch.setattr(flips, "rows_of", lambda kind, trials, seed: [ROW | {"for_ever": 1}, BARE])
     with pytest.raises(UserError, match="1 promises do not hold: Theta, gate, checksum: 1 of 1000 are refused forever"):
         flips.run(tmp_path, 100, 1, flips.KINDS[:1])
@@ -78,7 +78,7 @@ def test_every_part_of_one_kind_in_every_use(tmp_path):
 
 
 def test_a_learner_without_protection_has_silent_bits_and_one_with_a_checksum_has_none():
-    flips.build()
+    campaigns.build("flips")
     silent = {use: flips.rows_of(("koopf", use, "none", "sqrt", "refuse"), 200, 1)[0] for use in ("alone", "checksum")}
     assert silent["alone"]["what"] == "Theta" and silent["alone"]["silent"] > 0
     assert silent["checksum"]["silent"] == 0 and silent["checksum"]["detected"] == 200

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tinykoop.assure import soak
+from tinykoop.assure import campaigns, soak
 from tinykoop.plumbing.errors import UserError
 
 REFUSED = {"input": 0, "overflow": 0, "indefinite": 0, "outlier": 0, "range": 0}
@@ -42,7 +42,7 @@ def test_updates_that_are_none(updates, tmp_path):
 
 
 def test_a_run_that_does_not_hold_is_refused_and_written_down(tmp_path, monkeypatch):
-    monkeypatch.setattr(soak, "build", lambda: None)
+    monkeypatch.setattr(campaigns, "build", lambda name: None)
     monkeypatch.setattr(soak, "rows_of", lambda kind, updates: [SOUND | {"recovered": 3}, SOUND | {"gate": 0}])
     with pytest.raises(UserError, match="1 of 2 runs do not hold: stuck sensor, poly_ddr ef sqrt f32 gated: 1 of 4"):
         soak.run(tmp_path, 100, soak.KINDS[:1])

@@ -10,16 +10,12 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 from ..plumbing import pages
-from ..plumbing.checkout import ROOT
-from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, write_json
 from ..plumbing.sources import regulators
+from . import campaigns
 
-BUILD = ROOT / "build/flips"
-
-PRECISIONS = ("koopf", "koopd")
 USES = {
     "alone": "alone",
     "checksum": "checksum",
@@ -31,17 +27,12 @@ USES = {
 PROTECTED = ("gate_checksum", "newton", "gradient")  # with gate and checksum; the latter two in a closed loop with the supervisor
 REGULATORS = regulators()
 FORMS = (("plain", "refuse"), ("plain", "diagonal"), ("sqrt", "refuse"))  # to the square root all checks are the same
-KINDS = tuple((precision, use, regulator, *form) for precision, use, regulator, form in product(PRECISIONS, USES, REGULATORS, FORMS))
+KINDS = tuple(
+    (precision, use, regulator, *form) for precision, use, regulator, form in product(campaigns.PRECISIONS, USES, REGULATORS, FORMS)
+)
 PARTS = {"alone": 6, "checksum": 6, "gate": 15, "gate_checksum": 15, "newton": 27, "gradient": 27}  # of the storage, as flips.c lists them
 MAX_SILENT = 1e-3  # share of the trials of a part, in the protected uses
 TIMEOUT = 7200  # seconds, of one kind
-
-
-def build():
-    """The two programs."""
-    need({"cmake": "cmake", "gcc": "gcc"})
-    run_command("cmake", "-S", ROOT, "-B", BUILD, "-DTINYKOOP_TESTS=ON", "-DTINYKOOP_HOST=OFF", "-DCMAKE_C_COMPILER=gcc")
-    run_command("cmake", "--build", BUILD, "--target", *(f"flips_{precision}" for precision in PRECISIONS))
 
 
 def trials_of_part(trials, kinds=KINDS):
@@ -53,7 +44,7 @@ def rows_of(kind, trials, seed):
     """The rows of one kind, of so many trials each; bits and robots are others for each kind."""
     precision, *names = kind
     own = seed * len(KINDS) + KINDS.index(kind)
-    printed = run_command(BUILD / "test" / f"flips_{precision}", *names, trials, own, timeout=TIMEOUT)
+    printed = run_command(campaigns.program("flips", precision), *names, trials, own, timeout=TIMEOUT)
     return [json.loads(line) for line in printed.splitlines()]
 
 
@@ -139,7 +130,7 @@ def run(out, trials, seed, kinds=KINDS, update=False):
     if not 0 <= seed < 2**32:
         raise UserError(f"--seed {seed}: from 0 to 2^32 - 1")
     out = output_folder(out)
-    build()
+    campaigns.build("flips")
     each = trials_of_part(trials, kinds)
     with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
         done = [pool.submit(rows_of, kind, each, seed) for kind in kinds]

@@ -11,36 +11,25 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 from ..plumbing import pages, plots
-from ..plumbing.checkout import ROOT
-from ..plumbing.command import need
 from ..plumbing.command import run as run_command
 from ..plumbing.errors import UserError
 from ..plumbing.results import output_folder, print_table, progress, replacing
 from ..plumbing.sources import regulators
+from . import campaigns
 
-BUILD = ROOT / "build/soak"
-
-PRECISIONS = ("koopf", "koopd")
 DICTIONARIES = ("poly_ddr", "rbf_ddr", "poly_fwmav", "rbf_fwmav")
 REGULATORS = regulators()
 FORMS = ("plain", "sqrt")
-KINDS = tuple(product(PRECISIONS, DICTIONARIES, REGULATORS, FORMS))
+KINDS = tuple(product(campaigns.PRECISIONS, DICTIONARIES, REGULATORS, FORMS))
 RUNS = len(KINDS) * 12 * 2  # faults, bare and gated
 SEED = 1
 TIMEOUT = 3600  # seconds, of one kind
 
 
-def build():
-    """The two programs."""
-    need({"cmake": "cmake", "gcc": "gcc"})
-    run_command("cmake", "-S", ROOT, "-B", BUILD, "-DTINYKOOP_TESTS=ON", "-DTINYKOOP_HOST=OFF", "-DCMAKE_C_COMPILER=gcc")
-    run_command("cmake", "--build", BUILD, "--target", *(f"soak_{precision}" for precision in PRECISIONS))
-
-
 def rows_of(kind, updates):
     """The rows of one kind of estimator, of at least so many updates each, and at least one fault."""
     precision, *names = kind
-    printed = run_command(BUILD / "test" / f"soak_{precision}", *names, updates, SEED, timeout=TIMEOUT)
+    printed = run_command(campaigns.program("soak", precision), *names, updates, SEED, timeout=TIMEOUT)
     return [json.loads(line) for line in printed.splitlines()]
 
 
@@ -164,7 +153,7 @@ def run(out, updates, kinds=KINDS, update=False):
     if not updates >= 1:
         raise UserError(f"--updates {updates:g}: at least 1 is needed")
     out = output_folder(out)
-    build()
+    campaigns.build("soak")
     each = int(updates / RUNS)
     with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
         done = [pool.submit(rows_of, kind, each) for kind in kinds]

@@ -14,9 +14,10 @@ os.environ["COLUMNS"] = "80"
 
 # Files that take longest, in processor time: a worker that begins with one of them at the end leaves the others idle.
 SLOWEST = (
-    "test_examples_own", "test_diagnose", "test_diagnose_input", "test_own_robot", "test_drop_in", "test_host_faults",
-    "test_simulators_mujoco", "test_flight", "test_simulators_recorded", "test_objects", "test_assure_flips",
-    "test_blind_own", "test_long_logs", "test_simulators_fmu", "test_install", "test_real_flights",
+    "test_diagnose", "test_diagnose_input", "test_own_robot", "test_real_flights", "test_docs", "test_functions", "test_host_faults",
+    "test_install", "test_drop_in", "test_effect_forms", "test_links", "test_examples_own", "test_objects", "test_flight",
+    "test_quadrotor_diagnosis", "test_own_dictionaries", "test_convert", "test_simulators_mujoco", "test_simulators_fmu",
+    "test_own_links", "test_blind_own", "test_pooled", "test_simulators_recorded", "test_long_logs", "test_assure_flips",
 )  # fmt: skip
 
 

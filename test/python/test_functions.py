@@ -1,5 +1,7 @@
 """Plain functions of a drive: an unknown effect is described by them, and not taken for a known one."""
 
+import functools
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -38,15 +40,20 @@ def log_of(cause, rows=1500, sp=0.004, st=0.004, seed=SEED):
     return bridge.Log(np.arange(len(x)) * DT, x, u, np.ones(len(x) - 1, bool), DT)
 
 
+@functools.cache
+def diagnosis(cause):
+    return diagnose(log_of(cause))
+
+
 @pytest.mark.parametrize("cause", SIZES)
 def test_effect_in_no_library_is_unknown_and_described(cause):
-    report = diagnose(log_of(cause)).report
+    report = diagnosis(cause).report
     assert report["verdict"] == "unknown" and not report["effects"]
     assert any(SAID[cause] in part["on"] for part in report["unexplained"]["depends_on"])
 
 
 def test_radius_of_a_wheel_that_is_not_round_is_told():
-    depends = diagnose(log_of("wheel_eccentricity")).report["unexplained"]["depends_on"]
+    depends = diagnosis("wheel_eccentricity").report["unexplained"]["depends_on"]
     radius = next(float(part["on"].split()[5]) for part in depends if part["on"].startswith("angle of a wheel"))
     assert radius == pytest.approx(SIZES["wheel_eccentricity"]["radius"], abs=0.02)
 

@@ -219,10 +219,11 @@ def test_a_robot_without_traction_is_checked_on_a_fresh_log():
     assert stuck["fresh"]["gap"]["closed_fraction"]["50"] > 0.98 and stuck["fresh"]["effects"] == [
         {"name": "no_traction", "params": {}, "acts": True}
     ]
-    driving = diagnose(in_the_air(), log_of(seed=7)).report
+    result = diagnose(in_the_air(), log_of(seed=7))
+    driving = result.report
     assert driving["verdict"] == "unknown" and not driving["effects"]
     assert driving["fresh"]["gap"]["after"]["50"] > 10 * driving["fresh"]["gap"]["before"]["50"]
-    assert "make the gap larger" in html(ddr.Teller(diagnose(in_the_air(), log_of(seed=7))).story()).decode()
+    assert "make the gap larger" in html(ddr.Teller(result).story()).decode()
 
 
 LIVING = {

@@ -17,7 +17,7 @@ OWN := $(if $(DICTIONARY),--dictionary "$(DICTIONARY)")
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real flights ledger ablate windup diagnose blind constants study supervisor bench targets coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
+.PHONY: help system build c-tests demo test learn control transfer real flights ledger ablate windup diagnose blind constants study supervisor bench targets settings coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -143,6 +143,9 @@ bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve 
 targets: c-tests $(VENV)/test-ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts: footprint.json
 	@$(TINYKOOP) targets $(UPDATED)
 	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) test/cross
+
+settings: $(VENV)/ready ## compiler settings compared by code, instructions and estimated cycles on emulated microcontrollers: settings.json
+	@$(TINYKOOP) settings $(UPDATED)
 
 coverage: $(VENV)/ready ## lines, branches and MC/DC of lib/ that the C tests reach: coverage.json
 	@$(TINYKOOP) coverage $(UPDATED)

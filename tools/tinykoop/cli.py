@@ -18,10 +18,10 @@ OWN, OWN_FILE = "FILE:NAME", "own.py:NAME or own.c:NAME"
 VEHICLES = "of a quadrotor: crazyflie (default), iris, racing, or your own TOML file (docs/quadrotor.md)"
 TABLES = (  # commands that write what they measured into the docs
     "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "flights", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
-    "flips", "determinism", "sanitize",
+    "flips", "determinism", "sanitize", "settings",
 )  # fmt: skip
 DEVELOPERS = (  # commands that work on the files of a checkout
-    "targets", "bench", "coverage", "mutants", "fuzz", "static", "soak", "flips", "determinism", "flags", "sanitize",
+    "targets", "settings", "bench", "coverage", "mutants", "fuzz", "static", "soak", "flips", "determinism", "flags", "sanitize",
 )  # fmt: skip
 OUT_NAME = "build/out" if checkout.EXISTS else checkout.OUT
 
@@ -164,6 +164,7 @@ def _firmware(add):
 
     cross = add("targets", "builds for microcontrollers, runs on QEMU: tests, closed loop, footprint")
     cross.add_argument("--update", action="store_true", help="take the figures over into targets/footprint.json and the docs")
+    add("settings", "compiler settings by code size, instructions and estimated cycles on microcontrollers")
     bench = add("bench", "time the update, the solve and the learner in Python against peers, side by side")
     bench.add_argument("--quick", action="store_true", help="one round of each, which shows that it runs")
 
@@ -421,7 +422,13 @@ def dispatch(a):
     else:
         from importlib import import_module
 
-        room = "assure" if a.command in ("coverage", "static", "determinism", "sanitize") else "experiments"
+        room = (
+            "firmware"
+            if a.command == "settings"
+            else "assure"
+            if a.command in ("coverage", "static", "determinism", "sanitize")
+            else "experiments"
+        )
         options = {name: getattr(a, name) for name in ("update", "dictionary") if name in a}
         if all(options.values()) and len(options) == 2:
             raise UserError("--update: the pages have the figures of poly and rbf; leave out --dictionary")

@@ -106,7 +106,7 @@ class Tree:
         self.runs = "set(TARGET_QEMU " in text
         self.tested = self.runs and level == "O2"
 
-    def build(self):
+    def build(self, tests=True):
         options = {
             "CMAKE_TOOLCHAIN_FILE": FOLDER / self.target / "toolchain.cmake",
             "CMAKE_BUILD_TYPE": LEVELS[self.level],
@@ -116,7 +116,7 @@ class Tree:
         }
         run_command("cmake", "-S", ROOT, "-B", self.folder, *[f"-D{name}={value}" for name, value in options.items()])
         programs = ["tinykoop"] + (["closed_loop", "footprint"] if self.runs else [])
-        programs += [f"test_{name}" for name in self.tests()] if self.tested else []
+        programs += [f"test_{name}" for name in self.tests()] if self.tested and tests else []
         run_command("cmake", "--build", self.folder, "--target", *programs)
 
     def ctest(self):
@@ -131,16 +131,16 @@ class Tree:
         *qemu, kernel, _ = self.ctest()[0]["command"]
         return run_command(*qemu, *options, kernel, self.folder / "targets/common" / program)
 
-    def counts(self):
+    def counts(self, program="footprint"):
         """What footprint prints, and the plugin's sums between its lines where cycles are estimated."""
-        return self.emulate("footprint", "-icount", "shift=0", *self.weighing("footprint"))
+        return self.emulate(program, "-icount", "shift=0", *self.weighing(self.folder / "targets/common" / program))
 
     def weighing(self, program):
         """Options of QEMU for the plugin; none where cycles are not estimated."""
         if self.target not in cycles.ESTIMATES:
             return []
-        table = self.folder / f"{program}_weights.txt"
-        table.write_text(cycles.weights(self.target, self.tool("objdump", "-d", self.folder / "targets/common" / program)))
+        table = program.with_name(f"{program.name}_weights.txt")
+        table.write_text(cycles.weights(self.target, self.tool("objdump", "-d", program)))
         return ["-plugin", ",".join([_escaped(WEIGH), f"table={_escaped(table)}"])]
 
     def tool(self, name, *arguments):

@@ -140,7 +140,7 @@ bench: build $(VENV)/bench-ready ## update against Eigen, NumPy, padasip; solve 
 	@cmake --build $(BUILD)/bench -j $(JOBS)
 	@$(TINYKOOP) bench $(if $(QUICK),--quick) $(UPDATED)
 
-targets: c-tests $(VENV)/test-ready ## cross-build, run on emulated microcontrollers, sizes and instruction counts: footprint.json
+targets: c-tests $(VENV)/test-ready ## cross-build, run on emulated microcontrollers, sizes, instruction counts and estimated cycles: footprint.json
 	@$(TINYKOOP) targets $(UPDATED)
 	@$(VENV)/bin/python -m pytest -q -rs -n $(JOBS) test/cross
 

@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from tinykoop.firmware import cycles, targets
+from tinykoop.firmware import cycles, settings, targets
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMON = ROOT / "targets/common"
@@ -133,6 +133,19 @@ def test_an_instruction_without_a_weight_ends_the_run(tmp_path, plugin):
     done = emulate(tree, program, plugin, without)
     assert done.returncode == 1 and f"the instruction at {address:#x} has no weight" in done.stderr
     assert emulate(tree, program, plugin, "").returncode == 1
+
+
+# ---- settings ----------------------------------------------------------------------------------------
+
+
+def test_the_settings_of_the_footprint_give_its_figures():
+    tree = targets.Tree("cortex-m4f", "O2")
+    targets.host_loop()
+    tree.build(tests=False)
+    row = settings.measure(tree, "-O2 -ffp-contract=off")
+    (committed,) = (r for r in targets.read_committed() if (r["target"], r["config"]) == ("cortex-m4f", "N22_m2_H50_O2"))
+    ours, theirs = ({key: r[key] for key in ("text", "instructions", "cycles")} | {"target": "", "config": ""} for r in (row, committed))
+    assert targets.changes([theirs], [ours]) == targets.changes([ours], [theirs]) == []
 
 
 # ---- kinds, by the encodings of the Armv7-M Architecture Reference Manual ------------------------------

@@ -1,8 +1,12 @@
 """Cycles estimated of what QEMU executes: a loop whose cycles are known by hand, and the kind of every instruction
 of the compiled library against its encoding."""
 
+import itertools
 import re
+import shutil
+import statistics
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -216,3 +220,54 @@ def test_the_kind_of_every_instruction_of_the_library_is_that_of_its_encoding(tm
         assert instruction.kind == (long_kind(first, second) if codes[2] else short_kind(first)), line
         seen[instruction.kind] = seen.get(instruction.kind, 0) + 1
     assert set(seen) >= set(cycles.KINDS) - {"divide"} and sum(seen.values()) > 8000, seen
+
+
+# ---- Cortex-M7, against LLVM's own analysis of its model ----------------------------------------------
+
+MCA = next(filter(shutil.which, ("llvm-mca", *(f"llvm-mca-{version}" for version in range(30, 13, -1)))), None)
+REPEATS = 30
+
+
+def straight_runs(program):
+    """Instructions without a branch or a condition that follow each other, where the floating-point unit works."""
+    run = []
+    for now in [*program, None]:
+        plain = now and now.kind not in (None, "branch", "multiple", "divide") and not re.match("it|tb", now.mnemonic)
+        plain = plain and "pc" not in now.operands and re.fullmatch(r"[a-z0-9]+(\.\w+)*", now.mnemonic)
+        if plain and (not run or run[-1].address + run[-1].size == now.address):
+            run.append(now)
+            continue
+        if len(run) >= 8 and sum(i.kind in cycles.FLOAT for i in run) >= 3:
+            yield run
+        run = []
+
+
+def analysed(run):
+    """Cycles by llvm-mca, or None where it does not assemble the run, as with conditions."""
+    source = ".syntax unified\n" + "".join(f"{i.mnemonic} {i.operands}\n" for i in run)
+    command = [MCA, "-mtriple=thumbv7em-none-eabihf", "-mcpu=cortex-m7", f"-iterations={REPEATS}"]
+    found = re.search(r"Total Cycles:\s+(\d+)", subprocess.run(command, input=source, capture_output=True, text=True).stdout)
+    return found and int(found[1])
+
+
+def repeated(run):
+    """The same at consecutive addresses."""
+    copies, address = [], 0
+    for instruction in run * REPEATS:
+        copies.append(replace(instruction, address=address))
+        address += instruction.size
+    return copies
+
+
+@pytest.mark.skipif(not MCA, reason="missing: llvm-mca (Debian: llvm)")
+def test_the_two_estimates_of_the_m7_lie_on_both_sides_of_llvms_analysis(tmp_path):
+    tree, out = targets.Tree("cortex-m7", "O2"), tmp_path / "koopf.o"
+    ran(f"{tree.prefix}gcc", *tree.flags, "-O2", "-ffp-contract=off", f"-I{ROOT / 'lib/include'}", "-c", ROOT / "lib/koopf.c", "-o", out)
+    ratios = {1: [], 2: []}
+    runs = straight_runs(cycles.disassembled(tree.tool("objdump", "-d", out)))
+    for run in itertools.islice(runs, 45):
+        if theirs := analysed(run):
+            for slots, seen in ratios.items():
+                seen.append(sum(cost for cost, _ in cycles.cortex_m7(repeated(run), slots)) / theirs)
+    assert len(ratios[1]) > 25
+    assert 0.7 < statistics.median(ratios[2]) <= 1 <= statistics.median(ratios[1]) < 1.3

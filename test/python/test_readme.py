@@ -27,10 +27,10 @@ int main(void) {
 		x[2] += 0.05f * u[1];
 	}
 	static unsigned char model[KOOPF_MODEL_BYTES(22, 2)];
-	static float path[50 * 3];
+	static float path[10 * 3];
 	if (koopf_model_save(&learner, model, sizeof model) != KOOP_OK) { return 3; }
 	if (control_start(model, sizeof model) != KOOP_OK) { return 4; }
-	for (int k = 0; k < 50; k++) {
+	for (int k = 0; k < 10; k++) {
 		path[3 * k] = x[0] + 0.05f * 1.5f * (float)(k + 1) * cosf(x[2]);
 		path[3 * k + 1] = x[1] + 0.05f * 1.5f * (float)(k + 1) * sinf(x[2]);
 		path[3 * k + 2] = x[2];

@@ -1,6 +1,7 @@
 /* The differential-drive robot: nominal kinematics and the effects on top. */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "ddr.h"
 #include "effects.h"
@@ -12,6 +13,11 @@ struct ddr {
 	double dt;
 	size_t k;       /* steps made */
 	double pose[3]; /* true */
+	struct {
+		int known;
+		double u[2], reached[3]; /* the last command, and what reached the wheels for how long */
+		ddr_motion motion;
+	} last; /* commands are often held, and then the motion is the same */
 };
 
 static tk_signal signal_at(const ddr *robot, size_t k) {
@@ -19,11 +25,11 @@ static tk_signal signal_at(const ddr *robot, size_t k) {
 }
 
 int ddr_senses(const ddr *robot) {
-	return robot->effects.senses;
+	return effects_any(&robot->effects, TK_SENSOR);
 }
 
 void ddr_sense(const ddr *robot, size_t k, double *pose) {
-	if (!robot->effects.senses) { return; }
+	if (!effects_any(&robot->effects, TK_SENSOR)) { return; }
 	tk_signal signal = signal_at(robot, k);
 	for (size_t i = 0; i < 3; i++) { signal.pose[i] = pose[i]; }
 	effects_apply(&robot->effects, TK_SENSOR, &signal);
@@ -37,31 +43,51 @@ void ddr_unsense(const ddr *robot, size_t k, double *pose) {
 	for (size_t i = 0; i < 3; i++) { pose[i] = signal.pose[i]; }
 }
 
-static void next_signal(ddr *robot, const effect_chain *effects, const double *u, tk_signal *signal) {
+static void actuate(ddr *robot, const effect_chain *effects, const double *u, tk_signal *signal) {
 	*signal = signal_at(robot, robot->k++);
 	for (size_t i = 0; i < 2; i++) { signal->command[i] = u[i]; }
 	effects_apply(effects, TK_ACTUATOR, signal);
-	signal->body[0] = signal->command[0];
-	signal->body[2] = signal->command[1];
-	effects_apply(effects, TK_PLANT, signal);
 }
 
-ddr_motion ddr_next(ddr *robot, const double *u) {
-	tk_signal signal;
-	next_signal(robot, &robot->effects, u, &signal);
+static ddr_motion moved(const ddr *robot, tk_signal *signal) {
+	signal->body[0] = signal->command[0];
+	signal->body[2] = signal->command[1];
+	effects_apply(&robot->effects, TK_PLANT, signal);
 	static const double share[] = {[TK_EULER] = 0, [TK_MIDPOINT] = 1, [TK_ARC] = 1, [TK_SEMI_IMPLICIT] = 2};
-	const double half = 0.5 * signal.body[2] * signal.dt, ahead = share[robot->integrator] * half;
+	const double half = 0.5 * signal->body[2] * signal->dt, ahead = share[robot->integrator] * half;
 	const double c = ahead == 0 ? 1 : cos(ahead), s = ahead == 0 ? 0 : sin(ahead);
 	/* an arc's chord lies half the turn ahead, and is shorter than the arc */
 	const double chord = robot->integrator == TK_ARC && half != 0 ? s / half : 1;
 	return (ddr_motion){
-	    .dt = signal.dt,
-	    .way = {signal.body[0] * chord, signal.body[1] * chord},
+	    .dt = signal->dt,
+	    .way = {signal->body[0] * chord, signal->body[1] * chord},
 	    .ahead = ahead,
 	    .facing = {c, s},
-	    .turn = signal.body[2],
-	    .drift = {signal.drift[0], signal.drift[1]},
+	    .turn = signal->body[2],
+	    .drift = {signal->drift[0], signal->drift[1]},
 	};
+}
+
+/* Whether `now` is bit for bit what was there last; then it is there. */
+static int held(double *last, const double *now, size_t count) {
+	if (memcmp(last, now, count * sizeof *now) == 0) { return 1; }
+	memcpy(last, now, count * sizeof *now);
+	return 0;
+}
+
+ddr_motion ddr_next(ddr *robot, const double *u) {
+	const effect_chain *effects = &robot->effects;
+	const int plant = robot->last.known && effects->blocks[TK_PLANT].steady;
+	if (held(robot->last.u, u, 2) && plant && effects->blocks[TK_ACTUATOR].steady) {
+		robot->k++;
+		return robot->last.motion;
+	}
+	tk_signal signal;
+	actuate(robot, effects, u, &signal);
+	const double reached[3] = {signal.command[0], signal.command[1], signal.dt};
+	if (!held(robot->last.reached, reached, 3) || !plant) { robot->last.motion = moved(robot, &signal); }
+	robot->last.known = 1;
+	return robot->last.motion;
 }
 
 void ddr_skip(ddr *robot, size_t steps) {
@@ -76,7 +102,7 @@ void ddr_roll(ddr *robot, size_t steps, const double *u) {
 		return;
 	}
 	tk_signal unused;
-	for (size_t k = 0; k < steps; k++) { next_signal(robot, &remembering, u + 2 * k, &unused); }
+	for (size_t k = 0; k < steps; k++) { actuate(robot, &remembering, u + 2 * k, &unused); }
 }
 
 void ddr_move(const ddr_motion *m, double *pose) {

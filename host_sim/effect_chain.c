@@ -10,10 +10,15 @@ struct running {
 	const tk_effect *effect;
 	const tk_active *active;
 	double *memory;
+	int throughout; /* acts all the time, and as if it were always the same time */
 };
 
 /* Whether `r` has a say in this block now; if so, tells it how far its time has passed. */
 static int acts(const effect_chain *chain, const struct running *r, int block, tk_signal *signal) {
+	if (r->throughout) {
+		signal->passed = 0;
+		return r->effect->block == block;
+	}
 	const double now = signal->t + 1e-6 * chain->dt; /* t is k dt: rounded */
 	if (r->effect->block != block || now < r->active->t0 || now >= r->active->t1) { return 0; }
 	const double end = fmin(r->active->t1, chain->end);
@@ -22,14 +27,14 @@ static int acts(const effect_chain *chain, const struct running *r, int block, t
 }
 
 void effects_apply(const effect_chain *chain, int block, tk_signal *signal) {
-	for (size_t i = 0; i < chain->count; i++) {
+	for (size_t i = chain->blocks[block].first; i < chain->blocks[block].end && i < chain->count; i++) {
 		const struct running *r = &chain->runs[i];
 		if (acts(chain, r, block, signal)) { r->effect->apply(r->active->parameters, r->memory, signal); }
 	}
 }
 
 void effects_undo(const effect_chain *chain, int block, tk_signal *signal) {
-	for (size_t i = chain->count; i-- > 0;) {
+	for (size_t i = chain->blocks[block].end; i-- > chain->blocks[block].first;) {
 		const struct running *r = &chain->runs[i];
 		if (r->effect->undo && acts(chain, r, block, signal)) {
 			r->effect->undo(r->active->parameters, r->memory, signal);
@@ -75,6 +80,19 @@ static int check(const tk_effects *table, const tk_active *active, double dt) {
 	return TK_OK;
 }
 
+static int acts_throughout(const tk_effect *effect, const tk_active *active) {
+	return active->t0 <= 0 && active->t1 == (double)INFINITY && !effect->needs_end;
+}
+
+static void enter(effect_chain *chain, size_t i, struct running run, int remembers) {
+	const int block = run.effect->block;
+	chain->runs[i] = run;
+	if (!effects_any(chain, block)) { chain->blocks[block].first = i; }
+	chain->blocks[block].end = i + 1;
+	chain->blocks[block].steady &= run.throughout && !remembers;
+	if (remembers) { chain->remembers = i + 1; }
+}
+
 /* In the order of the table of effects, whatever the caller's: reordering a
  * list of effects must not change a trajectory. */
 static void collect(effect_chain *chain, const tk_effects *table, const tk_active *actives) {
@@ -85,12 +103,14 @@ static void collect(effect_chain *chain, const tk_effects *table, const tk_activ
 		for (size_t i = 0; i < chain->count; i++) {
 			if (effect_by_name(table, actives[i].effect) != effect) { continue; }
 			const size_t size = memory_of(effect, &actives[i], chain->dt);
-			chain->runs[n++] = (struct running){effect, &actives[i], memory};
-			chain->senses |= effect->block == TK_SENSOR;
-			if (size > 0) { chain->remembers = n; }
+			enter(chain, n++, (struct running){effect, &actives[i], memory, acts_throughout(effect, &actives[i])}, size > 0);
 			memory += size;
 		}
 	}
+}
+
+int effects_any(const effect_chain *chain, int block) {
+	return chain->blocks[block].end > 0;
 }
 
 void effects_free(effect_chain *chain) {
@@ -121,6 +141,7 @@ int effects_open(effect_chain *chain, const tk_effects *table, const tk_active *
 		effects_free(chain);
 		return fail("out of memory");
 	}
+	for (size_t block = 0; block < TK_BLOCKS; block++) { chain->blocks[block].steady = 1; }
 	collect(chain, table, effects);
 	return TK_OK;
 }

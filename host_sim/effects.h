@@ -63,8 +63,11 @@ typedef struct effect_chain {
 	double *memory;
 	size_t count, memory_size;
 	double dt, end; /* s */
-	int senses;       /* whether any of them has a say in what is measured */
 	size_t remembers; /* those up to the last one that has a state of its own */
+	struct {
+		size_t first, end; /* of the effects of a block, and others that may stand between them */
+		int steady;        /* what they make of a signal does not depend on time, nor on what was before */
+	} blocks[TK_BLOCKS];
 } effect_chain;
 
 /* The effects must outlive the chain; `end` (s): when the log is over. */
@@ -73,6 +76,8 @@ int effects_open(effect_chain *chain, const tk_effects *table, const tk_active *
 void effects_free(effect_chain *chain);
 /* As they were when they were opened. */
 void effects_restart(effect_chain *chain);
+/* Whether any effect is of this block. */
+int effects_any(const effect_chain *chain, int block);
 /* Lets every effect of `block` that acts at this time change the signal. */
 void effects_apply(const effect_chain *chain, int block, tk_signal *signal);
 /* Takes back what those of `block` did that can be undone, the last one first. */

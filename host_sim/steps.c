@@ -13,7 +13,7 @@
 typedef struct request {
 	const tk_recording *log;
 	const double *facing;
-	const int64_t *rows;
+	const int64_t *rows, *places;
 	double *beside;
 } request;
 
@@ -64,29 +64,30 @@ static int run_stretch(const request *q, ddr *robot, const stretch *s) {
 	const tk_recording *log = q->log;
 	const int senses = ddr_senses(robot);
 	size_t row = s->from;
+	int finite = 1;
 	ddr_restart(robot);
 	ddr_skip(robot, row);
 	for (size_t i = s->begin; i < s->end; i++) {
 		const size_t k = (size_t)q->rows[i];
 		ddr_roll(robot, k - row, log->u + 2 * row);
 		const ddr_motion motion = ddr_next(robot, log->u + 2 * k);
-		step_from(q, robot, &motion, k, senses, q->beside + 3 * i);
+		double *out = q->beside + 3 * q->places[i];
+		step_from(q, robot, &motion, k, senses, out);
+		finite &= all_finite(out, 3);
 		row = k + 1;
 	}
-	return all_finite(q->beside + 3 * s->begin, 3 * (s->end - s->begin))
-	           ? TK_OK
-	           : fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
+	return finite ? TK_OK : fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
 }
 
 int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
-             const double *facing, size_t n_rows, const int64_t *rows, double *beside) {
-	if (!log || !facing || !beside || (n_rows && !rows) || (n_effects && !effects)) {
-		return fail("log, facing, rows, beside and effects must be given");
+             const double *facing, size_t n_rows, const int64_t *rows, const int64_t *places, double *beside) {
+	if (!log || !facing || !beside || (n_rows && (!rows || !places)) || (n_effects && !effects)) {
+		return fail("log, facing, rows, places, beside and effects must be given");
 	}
 	if (check_rows_given(log, n_rows, rows) != TK_OK || check_actives(effects, n_effects) != TK_OK) {
 		return TK_ERROR;
 	}
-	const request q = {log, facing, rows, beside};
+	const request q = {log, facing, rows, places, beside};
 	const double nowhere[3] = {0, 0, 0}, final = (double)(log->rows - 1) * log->dt;
 	ddr *robot = ddr_open(effects, n_effects, integrator, log->dt, final, nowhere);
 	if (!robot) { return TK_ERROR; }

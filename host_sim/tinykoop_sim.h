@@ -41,7 +41,7 @@ TK_API const char *tk_message(void);
 enum { TK_EULER = 0, TK_MIDPOINT = 1, TK_ARC = 2, TK_SEMI_IMPLICIT = 3 };
 
 /* Where an effect acts, in the order in which a step passes through them. */
-enum { TK_ACTUATOR = 0, TK_PLANT = 1, TK_SENSOR = 2 };
+enum { TK_ACTUATOR = 0, TK_PLANT = 1, TK_SENSOR = 2, TK_BLOCKS };
 
 enum { TK_MAX_PARAMETERS = 6 };
 
@@ -92,10 +92,12 @@ TK_API int tk_windows(const tk_active *effects, size_t n_effects, int integrator
                       double *predicted, double *residual);
 
 /* One step from the pose measured in each of `rows` (ascending), whose directions (cos, sin) are `facing`
- * (log->rows, 2). Actuators are rolled as by tk_windows. Written for each: where the step ends beside the pose
- * measured in the next row, along, across (m, in the axes of that pose) and in heading (rad, wrapped). */
+ * (log->rows, 2). Actuators are rolled as by tk_windows. Written for each into the row of `beside` that `places` says:
+ * where the step ends beside the pose measured in the next row, along, across (m, in the axes of that pose) and in
+ * heading (rad, wrapped). */
 TK_API int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
-                    const double *facing, size_t n_rows, const int64_t *rows, double *beside);
+                    const double *facing, size_t n_rows, const int64_t *rows, const int64_t *places,
+                    double *beside);
 
 /* ---- Plant: the flapping-wing vehicle --------------------------------------------
  *
@@ -219,8 +221,8 @@ TK_API int tk_gains(const tk_noise *noise, size_t rows, const tk_path *path, dou
                     double *log_det);
 
 /* Innovations, over their standard deviations, of `columns` columns by these gains: D (n x columns) in each row is what
- * a step adds to the deviation, E (c x columns) is what the channels show. */
-TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *gains,
+ * a step adds to the deviation, E (c x columns, or c x 1 where `shared`) is what the channels show. */
+TK_API int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, int shared, const tk_path *path, const double *gains,
                      const double *units, const double *D, const double *E, double *out);
 
 /* `count` noises at once: rows of r or c for each; white: variance of sensor noise; coloured may be null. */

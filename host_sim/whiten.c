@@ -128,9 +128,10 @@ int tk_gains(const tk_noise *noise, size_t rows, const tk_path *path, double *ga
 
 /* ---- What columns make of that --------------------------------------------------- */
 
-/* Some columns of all: `count` of them, in `blocks` of lanes. */
+/* Some columns of all: `count` of them, in `blocks` of lanes. shared: what channels show is one column for all. */
 typedef struct part {
 	size_t q, first, count, blocks;
+	int shared;
 } part;
 
 /* Where the columns of a row of numbers begin. */
@@ -145,9 +146,14 @@ static INLINED size_t within(part p, size_t block) {
 /* Innovations of channel i into `out`, and what the gain makes of them. */
 static INLINED void innovate(sizes s, part p, lanes *z, size_t i, const double *C, size_t row, const double *E,
                              double unit, const double *K, double *out) {
+	const lanes zero = {0};
 	for (size_t w = 0; w < p.blocks; w++) {
-		lanes e;
-		load(&e, E + at(p, row, w), within(p, w));
+		lanes e = zero;
+		if (p.shared) {
+			e += E[row];
+		} else {
+			load(&e, E + at(p, row, w), within(p, w));
+		}
 		if (s.coloured) { e -= z[(s.n + s.r + i) * p.blocks + w]; }
 		for (size_t b = s.plain ? i : 0; b < (s.plain ? i + 1 : s.n); b++) {
 			if (s.plain || C[b] != 0) { e -= (s.plain ? 1 : C[b]) * z[b * p.blocks + w]; }
@@ -191,6 +197,7 @@ static INLINED void predict(sizes s, part p, const tk_noise *noise, lanes *z, co
 typedef struct request {
 	const tk_noise *noise;
 	size_t rows, columns;
+	int shared;
 	const tk_path *path;
 	const double *gains, *units, *D, *E;
 	double *out;
@@ -222,13 +229,13 @@ static INLINED void along_tile(const request *q, sizes s, size_t begin, size_t e
 	const size_t n = q->columns;
 	size_t first = 0;
 	for (; n - first >= BLOCKS * LANES; first += BLOCKS * LANES) {
-		along(q, s, (part){n, first, BLOCKS * LANES, BLOCKS}, begin, end);
+		along(q, s, (part){n, first, BLOCKS * LANES, BLOCKS, q->shared}, begin, end);
 	}
-	for (; n - first >= LANES; first += LANES) { along(q, s, (part){n, first, LANES, 1}, begin, end); }
+	for (; n - first >= LANES; first += LANES) { along(q, s, (part){n, first, LANES, 1, q->shared}, begin, end); }
 	switch (n - first) {
-		case 1: along(q, s, (part){n, first, 1, 1}, begin, end); break;
-		case 2: along(q, s, (part){n, first, 2, 1}, begin, end); break;
-		case 3: along(q, s, (part){n, first, 3, 1}, begin, end); break;
+		case 1: along(q, s, (part){n, first, 1, 1, q->shared}, begin, end); break;
+		case 2: along(q, s, (part){n, first, 2, 1, q->shared}, begin, end); break;
+		case 3: along(q, s, (part){n, first, 3, 1, q->shared}, begin, end); break;
 		default: break;
 	}
 }
@@ -245,13 +252,13 @@ WIDE static void run(const request *q, sizes s) {
 	}
 }
 
-int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, const tk_path *path, const double *gains,
+int tk_whiten(const tk_noise *noise, size_t rows, size_t columns, int shared, const tk_path *path, const double *gains,
               const double *units, const double *D, const double *E, double *out) {
 	const sizes s = sizes_of(noise->n, noise->r, noise->c, noise->coloured != NULL, noise->C);
 	if (s.N > MOST) { return fail("a filter of %zu states: at most %d", s.N, MOST); }
 	double *memory = calloc(((columns / LANES + 1) * s.N + 1) * LANES, sizeof *memory);
 	if (!memory) { return fail("out of memory"); }
-	const request q = {noise, rows, columns, path, gains, units, D, E, out, aligned(memory)};
+	const request q = {noise, rows, columns, shared, path, gains, units, D, E, out, aligned(memory)};
 	run(&q, s);
 	free(memory);
 	return TK_OK;

@@ -85,21 +85,27 @@ class Rollouts:
 class Steps:
     """A log's measured poses x (K, 3), each stepped once from the rows `starts` (S, ascending) under its commands u (K or K-1, 2).
 
+    places (S): rows of what beside() returns, of `count` in all; without them, all in order.
     Actuator states are rolled as Rollouts roll them. Arrays are kept, not copied: they are to stay as they are.
     """
 
-    def __init__(self, x, u, dt, starts, integrator=EULER):
+    def __init__(self, x, u, dt, starts, integrator=EULER, places=None, count=None):
         x, u, starts = reals(x, 3), reals(u, 2), np.ascontiguousarray(starts, np.int64)
+        places = np.arange(len(starts)) if places is None else np.ascontiguousarray(places, np.int64)
         facing = np.stack([np.cos(x[:, 2]), np.sin(x[:, 2])], 1)
-        self._kept = x, u, facing, starts  # what the addresses are of
+        self._kept = x, u, facing, starts, places  # what the addresses are of
+        self._count = len(starts) if count is None else count
         log = _recording(x, u, dt)
         self._arguments = (
-            ct.c_int(integrator), ct.byref(log), address(facing), ct.c_size_t(len(starts)), address(starts),
+            ct.c_int(integrator), ct.byref(log), address(facing), ct.c_size_t(len(starts)), address(starts), address(places),
         )  # fmt: skip
 
     def beside(self, active=()):
-        """Where steps end beside the next pose (S, 3): along, across [m, in the axes of that pose] and heading [rad, wrapped]."""
-        out = np.empty((len(self._kept[-1]), 3))
+        """Where steps end beside the next pose (count, 3): along, across [m, in the axes of that pose] and heading [rad, wrapped].
+
+        Zero in rows that are the place of none.
+        """
+        out = np.zeros((self._count, 3))
         call("tk_steps", active_effects(active), ct.c_size_t(len(active)), *self._arguments, address(out))
         return out
 

@@ -35,13 +35,13 @@ class Filter:
         self._gains, self.log_det = (gains, units), log_det.value
 
     def whiten(self, D, E):
-        """Innovations (K, c, q) over their standard deviations, of columns D (K, n, q), E (K, c, q)."""
+        """Innovations (K, c, q) over their standard deviations, of columns D (K, n, q), E (K, c, q), or (K, c, 1) for all."""
         D, E = reals(D), reals(E)
-        out = np.empty(E.shape)
-        K, _, q = E.shape
+        (K, c, shown), q = E.shape, D.shape[-1]
+        out = np.empty((K, c, q))
         call(
-            "tk_whiten", ct.byref(self._noise), ct.c_size_t(K), ct.c_size_t(q), ct.byref(self._path), *map(address, self._gains),
-            address(D), address(E), address(out),
+            "tk_whiten", ct.byref(self._noise), ct.c_size_t(K), ct.c_size_t(q), ct.c_int(shown < q), ct.byref(self._path),
+            *map(address, self._gains), address(D), address(E), address(out),
         )  # fmt: skip
         return out
 

@@ -39,7 +39,7 @@ def masked(push, edges):
 
 
 def beside(path, causes, trials):
-    """What trials change of steps and readings with causes: (K, n, trials), (K, c, trials)."""
+    """What trials change of steps and readings with causes: (K, n, trials), (K, c, trials or 1 for all)."""
     return tuple(trial - base for trial, base in zip(path.steps(trials), path.steps([causes])))
 
 
@@ -66,7 +66,7 @@ def seconds(span, edges, path):
 
 
 def parts(path, others, cause, edges):
-    """What a cause changes in each part by itself, (K, n, B) and (K, c, B), beside others.
+    """What a cause changes in each part by itself, (K, n, B) and (K, c, B) or (K, c, 1) for all, beside others.
 
     A sensor's effect jumps where it comes and goes, so it is asked part by part; the others act row by row.
     """
@@ -75,7 +75,8 @@ def parts(path, others, cause, edges):
         some = [replace(cause, segments=((a, b),)) for a, b in zip(times, times[1:])]
         return beside(path, others, [(*others, c) for c in some])
     along = (*others, replace(cause, segments=ALWAYS))
-    return tuple(masked(change[..., 0], edges) for change in beside(path, others, [along]))
+    D, E = beside(path, others, [along])
+    return masked(D[..., 0], edges), masked(E[..., 0], edges) if E.any() else E
 
 
 def _acts(cause, path):

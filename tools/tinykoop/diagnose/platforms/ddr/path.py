@@ -175,8 +175,8 @@ class Path(path.Path):
     def _roll(self):
         x = np.zeros((len(self.log.x), 3))
         x[self.rows] = self.X
-        self._on = np.flatnonzero(self.begins[1:] == 0)
-        self._steps = bridge.Steps(x, self.u, self.dt, self.rows[self._on], self.integrator)
+        on = np.flatnonzero(self.begins[1:] == 0)
+        self._steps = bridge.Steps(x, self.u, self.dt, self.rows[on], self.integrator, on, len(self.X))
 
     @property
     def integrator(self):
@@ -186,9 +186,9 @@ class Path(path.Path):
         return (self._to_axes @ d[..., None])[..., 0]
 
     def steps(self, trials):
-        """What one step with each trial's causes ends beside the path (K, 3, trials), and by how much it misses poses (K, 3, trials)."""
+        """What one step with each trial's causes ends beside the path (K, 3, trials), and by how much each misses poses (K, 3, 1)."""
         self.asked += len(trials) * len(self.rows)
-        return np.stack([self._beside(causes) for causes in trials], -1), np.repeat(self.E[..., None], len(trials), -1)
+        return np.stack([self._beside(causes) for causes in trials], -1), self.E[..., None]
 
     def seen_from(self, starts, ends, deviations):
         """In the axes of the pose in which a prediction starts."""
@@ -220,15 +220,10 @@ class Path(path.Path):
 
     def _beside(self, causes):
         """Where one step with causes ends beside the path (K, 3)."""
-        return self._kept.get((self.variant, tuple(causes)), lambda: self._ends(causes))
+        return self._kept.get((self.variant, tuple(causes)), lambda: self._steps.beside(self._active(causes)))
 
     def _active(self, causes):
         return [bridge.Effect(c.name, c.params, max(a, 0.0), b) for c in (*self.base, *causes) for a, b in c.segments]
-
-    def _ends(self, causes):
-        out = np.zeros((len(self.X), 3))
-        out[self._on] = self._steps.beside(self._active(causes))
-        return out
 
     def ahead(self, causes, starts, horizons):
         """Measured less predicted (S, H, 3), along, across and in heading, from the measured poses in `starts` of the path's rows.

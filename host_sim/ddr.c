@@ -75,19 +75,41 @@ static int held(double *last, const double *now, size_t count) {
 	return 0;
 }
 
+/* The motion of what reached the wheels, which is the last one if that was the same. */
+static ddr_motion motion_of(ddr *robot, tk_signal *signal) {
+	const double reached[3] = {signal->command[0], signal->command[1], signal->dt};
+	const int known = robot->last.known && robot->effects.blocks[TK_PLANT].steady;
+	if (!held(robot->last.reached, reached, 3) || !known) { robot->last.motion = moved(robot, signal); }
+	robot->last.known = 1;
+	return robot->last.motion;
+}
+
 ddr_motion ddr_next(ddr *robot, const double *u) {
 	const effect_chain *effects = &robot->effects;
-	const int plant = robot->last.known && effects->blocks[TK_PLANT].steady;
-	if (held(robot->last.u, u, 2) && plant && effects->blocks[TK_ACTUATOR].steady) {
+	const int steady = effects->blocks[TK_ACTUATOR].steady && effects->blocks[TK_PLANT].steady;
+	if (held(robot->last.u, u, 2) && steady && robot->last.known) {
 		robot->k++;
 		return robot->last.motion;
 	}
 	tk_signal signal;
 	actuate(robot, effects, u, &signal);
-	const double reached[3] = {signal.command[0], signal.command[1], signal.dt};
-	if (!held(robot->last.reached, reached, 3) || !plant) { robot->last.motion = moved(robot, &signal); }
-	robot->last.known = 1;
-	return robot->last.motion;
+	return motion_of(robot, &signal);
+}
+
+void ddr_reach(ddr *robot, const double *u, double *reached) {
+	effect_chain remembering = robot->effects;
+	remembering.count = remembering.remembers;
+	tk_signal signal;
+	actuate(robot, &remembering, u, &signal);
+	for (size_t i = 0; i < 2; i++) { reached[i] = signal.command[i]; }
+}
+
+ddr_motion ddr_go_on(ddr *robot, const double *reached) {
+	effect_chain rest = robot->effects;
+	rest.blocks[TK_ACTUATOR].first = rest.remembers;
+	tk_signal signal;
+	actuate(robot, &rest, reached, &signal);
+	return motion_of(robot, &signal);
 }
 
 void ddr_skip(ddr *robot, size_t steps) {

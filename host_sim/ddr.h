@@ -33,6 +33,11 @@ typedef struct ddr_motion {
 
 /* The motion of the next step under u (2); time and actuators go on, the robot's pose stays. */
 ddr_motion ddr_next(ddr *robot, const double *u);
+/* What remembers is behind some command, and commands are often the same: a step in two halves. */
+/* The command (2) that the next step has under u (2) behind the last effect that has a state; time goes on. */
+void ddr_reach(ddr *robot, const double *u, double *reached);
+/* As ddr_next() from there on. */
+ddr_motion ddr_go_on(ddr *robot, const double *reached);
 /* As many steps of time alone. */
 void ddr_skip(ddr *robot, size_t steps);
 /* As many steps under u (steps, 2), for what time and actuators become of them. */

@@ -135,6 +135,11 @@ int tk_effect_block(const char *platform, size_t effect) {
 	return e ? e->block : TK_ERROR;
 }
 
+int tk_effect_remembers(const char *platform, size_t effect) {
+	const tk_effect *e = effect_at(platform, effect);
+	return e && (e->n_memory || e->history);
+}
+
 size_t tk_effect_parameters(const char *platform, size_t effect) {
 	const tk_effect *e = effect_at(platform, effect);
 	return e ? e->n_parameters : 0;

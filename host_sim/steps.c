@@ -14,7 +14,9 @@ typedef struct request {
 	const tk_recording *log;
 	const double *facing;
 	const int64_t *rows, *places;
-	double *beside;
+	const double *reached; /* commands behind what remembers, or null */
+	double *beside;        /* null: these are asked for */
+	double *reaches;
 } request;
 
 static int check_rows_given(const tk_recording *log, size_t n_rows, const int64_t *rows) {
@@ -60,18 +62,22 @@ static void step_from(const request *q, const ddr *robot, const ddr_motion *m, s
 	out[2] = wrapped(end[2]);
 }
 
-static int run_stretch(const request *q, ddr *robot, const stretch *s) {
+static int step_along(const request *q, ddr *robot, const stretch *s) {
 	const tk_recording *log = q->log;
 	const int senses = ddr_senses(robot);
 	size_t row = s->from;
 	int finite = 1;
-	ddr_restart(robot);
-	ddr_skip(robot, row);
 	for (size_t i = s->begin; i < s->end; i++) {
 		const size_t k = (size_t)q->rows[i];
-		ddr_roll(robot, k - row, log->u + 2 * row);
-		const ddr_motion motion = ddr_next(robot, log->u + 2 * k);
 		double *out = q->beside + 3 * q->places[i];
+		ddr_motion motion;
+		if (q->reached) {
+			ddr_skip(robot, k - row);
+			motion = ddr_go_on(robot, q->reached + 2 * i);
+		} else {
+			ddr_roll(robot, k - row, log->u + 2 * row);
+			motion = ddr_next(robot, log->u + 2 * k);
+		}
 		step_from(q, robot, &motion, k, senses, out);
 		finite &= all_finite(out, 3);
 		row = k + 1;
@@ -79,26 +85,58 @@ static int run_stretch(const request *q, ddr *robot, const stretch *s) {
 	return finite ? TK_OK : fail("the prediction diverged (NaN or Inf): check effect parameters and commands");
 }
 
-int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
-             const double *facing, size_t n_rows, const int64_t *rows, const int64_t *places, double *beside) {
-	if (!log || !facing || !beside || (n_rows && (!rows || !places)) || (n_effects && !effects)) {
-		return fail("log, facing, rows, places, beside and effects must be given");
+static int reach_along(const request *q, ddr *robot, const stretch *s) {
+	size_t row = s->from;
+	for (size_t i = s->begin; i < s->end; i++) {
+		const size_t k = (size_t)q->rows[i];
+		ddr_roll(robot, k - row, q->log->u + 2 * row);
+		ddr_reach(robot, q->log->u + 2 * k, q->reaches + 2 * i);
+		row = k + 1;
 	}
-	if (check_rows_given(log, n_rows, rows) != TK_OK || check_actives(effects, n_effects) != TK_OK) {
+	return TK_OK;
+}
+
+static int run_stretch(const request *q, ddr *robot, const stretch *s) {
+	ddr_restart(robot);
+	ddr_skip(robot, s->from);
+	return q->beside ? step_along(q, robot, s) : reach_along(q, robot, s);
+}
+
+static int run(const tk_active *effects, size_t n_effects, int integrator, const request *q, size_t n_rows) {
+	const tk_recording *log = q->log;
+	if (check_rows_given(log, n_rows, q->rows) != TK_OK || check_actives(effects, n_effects) != TK_OK) {
 		return TK_ERROR;
 	}
-	const request q = {log, facing, rows, places, beside};
 	const double nowhere[3] = {0, 0, 0}, final = (double)(log->rows - 1) * log->dt;
 	ddr *robot = ddr_open(effects, n_effects, integrator, log->dt, final, nowhere);
 	if (!robot) { return TK_ERROR; }
 	int status = TK_OK;
 	for (size_t begin = 0; status == TK_OK && begin < n_rows;) {
-		stretch s = log->warm_up ? next_stretch(log, begin, n_rows, rows, 1)
+		stretch s = log->warm_up ? next_stretch(log, begin, n_rows, q->rows, 1)
 		                         : (stretch){.end = n_rows, .final = log->rows - 1};
 		status = check_rows(log, s.from, s.final);
-		if (status == TK_OK) { status = run_stretch(&q, robot, &s); }
+		if (status == TK_OK) { status = run_stretch(q, robot, &s); }
 		begin = s.end;
 	}
 	ddr_free(robot);
 	return status;
+}
+
+int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
+             const double *facing, size_t n_rows, const int64_t *rows, const int64_t *places, const double *reached,
+             double *beside) {
+	if (!log || !facing || !beside || (n_rows && (!rows || !places)) || (n_effects && !effects)) {
+		return fail("log, facing, rows, places, beside and effects must be given");
+	}
+	const request q = {.log = log, .facing = facing, .rows = rows, .places = places, .reached = reached, .beside = beside};
+	return run(effects, n_effects, integrator, &q, n_rows);
+}
+
+int tk_reaches(const tk_active *effects, size_t n_effects, const tk_recording *log, size_t n_rows, const int64_t *rows,
+               double *reached) {
+	if (!log || !reached || (n_rows && !rows) || (n_effects && !effects)) {
+		return fail("log, rows, reached and effects must be given");
+	}
+	const request q = {.log = log, .rows = rows, .reaches = reached};
+	return run(effects, n_effects, TK_EULER, &q, n_rows);
 }

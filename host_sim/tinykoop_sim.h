@@ -61,6 +61,8 @@ TK_API const char *tk_effect_formula(const char *platform, size_t effect);
 TK_API const char *tk_effect_family(const char *platform, size_t effect);
 TK_API const char *tk_effect_reported_as(const char *platform, size_t effect);
 TK_API int tk_effect_block(const char *platform, size_t effect);
+/* Whether it has a state of its own, as a lag has. */
+TK_API int tk_effect_remembers(const char *platform, size_t effect);
 TK_API size_t tk_effect_parameters(const char *platform, size_t effect);
 /* Name, unit, bounds (refused outside) and a usual value; zero for all parameters is no effect. */
 TK_API int tk_effect_parameter(const char *platform, size_t effect, size_t parameter, const char **name,
@@ -94,10 +96,14 @@ TK_API int tk_windows(const tk_active *effects, size_t n_effects, int integrator
 /* One step from the pose measured in each of `rows` (ascending), whose directions (cos, sin) are `facing`
  * (log->rows, 2). Actuators are rolled as by tk_windows. Written for each into the row of `beside` that `places` says:
  * where the step ends beside the pose measured in the next row, along, across (m, in the axes of that pose) and in
- * heading (rad, wrapped). */
+ * heading (rad, wrapped). reached, or null: what tk_reaches() has of these effects. */
 TK_API int tk_steps(const tk_active *effects, size_t n_effects, int integrator, const tk_recording *log,
                     const double *facing, size_t n_rows, const int64_t *rows, const int64_t *places,
-                    double *beside);
+                    const double *reached, double *beside);
+
+/* The commands (2 each) of steps from these rows behind the last effect that remembers (tk_effect_remembers()). */
+TK_API int tk_reaches(const tk_active *effects, size_t n_effects, const tk_recording *log, size_t n_rows,
+                      const int64_t *rows, double *reached);
 
 /* ---- Plant: the flapping-wing vehicle --------------------------------------------
  *

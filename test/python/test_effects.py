@@ -625,6 +625,28 @@ def test_steps_end_where_windows_of_one_step_do(log, name, integrator):
     assert np.abs(np.exp(1j * (found[:, 2] - off[:, 2])) - 1).max() < 1e-11 and np.abs(found[:, 2]).max() <= np.pi
 
 
+@pytest.mark.parametrize("names", [KNOWN, ("saturation", "actuator_lag", "yaw_gain"), ("transport_delay",), ("pacejka_slip",)])
+def test_steps_asked_again_answer_as_before(log, names):
+    """Bit for bit, though the commands behind what remembers are then known."""
+    x, u = np.nan_to_num(log[0]), log[1]
+    rows = np.r_[0, 3:40, 41, 60:200, 340:350]
+    steps, behind = bridge.Steps(x, u, DT, rows), (*usual(*names), bridge.Effect("yaw_bias", (0.3,)))
+    first, other = steps.beside(usual(*names)), bridge.Steps(x, u, DT, rows).beside(behind)
+    for _ in range(3):
+        assert np.array_equal(steps.beside(usual(*names)), first) and np.array_equal(steps.beside(behind), other)
+
+
+@pytest.mark.parametrize("name", [name for name in KNOWN if not bridge.remembering([bridge.usual_effect(name)])])
+def test_steps_under_a_command_that_is_held_are_those_from_each_row_alone(log, name):
+    """Bit for bit, though the motion is then not computed again; of effects of the command in the row alone, some of which come and go."""
+    x, u = np.nan_to_num(log[0]), np.repeat(log[1][::10], 10, axis=0)[: len(log[1])]
+    for t0, t1 in ((0.0, np.inf), (1.03, 9.0)):
+        active = [bridge.usual_effect(name, t0, t1), bridge.usual_effect("lateral_skid", 0.0, 4.0)]
+        rows = np.arange(len(x) - 1)
+        alone = [bridge.Steps(x, u, DT, rows[k : k + 1]).beside(active)[0] for k in rows]
+        assert np.array_equal(bridge.Steps(x, u, DT, rows).beside(active), alone)
+
+
 @pytest.mark.parametrize("rows", [[-1, 4], [4, 4], [7, 3], [10**6]])
 def test_steps_from_rows_that_do_not_ascend_or_are_not_there_are_refused(log, rows):
     with pytest.raises(UserError, match="rows must ascend, up to"):

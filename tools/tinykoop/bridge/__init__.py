@@ -21,12 +21,12 @@ from .quadrotor import (
 )
 from .regulators import Setting, dead_zones, regulator_names, regulators
 from .sizes import storage
-from .unmodelled import Effect, effects, families, formulas, usual_effect
+from .unmodelled import Effect, effects, families, formulas, remembering, usual_effect
 
 __all__ = [
     "ARC", "CHECK_DIAGONAL", "CHECK_REFUSE", "CHECK_REPORT", "EULER", "FLAGS", "FWMAV_SENSED", "FWMAV_STATE", "LONG", "MIDPOINT",
     "MODELS", "MPC_GRADIENT", "MPC_NEWTON", "QUADROTOR_CORRECTED", "QUADROTOR_SENSED", "QUADROTOR_STATE", "SEMI_IMPLICIT", "TRACES", "TRUST", "WARM_UP", "Controller", "Effect", "Estimator",
     "Supervisor", "Log", "Mpc", "Rollouts", "Setting", "Solution", "Steps", "dead_zones", "effects", "families", "formulas", "fwmav", "fwmav_follow", "fwmav_hover", "fwmav_roll", "hover_request", "lowpass",
     "quadrotor", "quadrotor_effects", "quadrotor_follow", "quadrotor_hover", "quadrotor_parameters", "quadrotor_roll", "quadrotor_vehicle",
-    "read_columns", "read_log", "regulator_names", "regulators", "simulate", "storage", "threshold", "usual_effect", "vehicle_names", "windows", "write_log",
+    "read_columns", "read_log", "regulator_names", "remembering", "regulators", "simulate", "storage", "threshold", "usual_effect", "vehicle_names", "windows", "write_log",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ import ctypes as ct
 import numpy as np
 
 from .library import address, call, doubles, reals
-from .unmodelled import active_effects
+from .unmodelled import active_effects, remembering
 
 EULER, MIDPOINT, ARC, SEMI_IMPLICIT = 0, 1, 2, 3  # integrators; the paper's is Euler
 
@@ -82,6 +82,9 @@ class Rollouts:
         return self._predicted, self._residual
 
 
+REACHED = 64  # commands behind what remembers, that are kept: most trials of a search have those of another
+
+
 class Steps:
     """A log's measured poses x (K, 3), each stepped once from the rows `starts` (S, ascending) under its commands u (K or K-1, 2).
 
@@ -94,8 +97,9 @@ class Steps:
         places = np.arange(len(starts)) if places is None else np.ascontiguousarray(places, np.int64)
         facing = np.stack([np.cos(x[:, 2]), np.sin(x[:, 2])], 1)
         self._kept = x, u, facing, starts, places  # what the addresses are of
-        self._count = len(starts) if count is None else count
+        self._count, self._reached = len(starts) if count is None else count, {}
         log = _recording(x, u, dt)
+        self._rows = ct.byref(log), ct.c_size_t(len(starts)), address(starts)
         self._arguments = (
             ct.c_int(integrator), ct.byref(log), address(facing), ct.c_size_t(len(starts)), address(starts), address(places),
         )  # fmt: skip
@@ -105,9 +109,24 @@ class Steps:
 
         Zero in rows that are the place of none.
         """
-        out = np.zeros((self._count, 3))
-        call("tk_steps", active_effects(active), ct.c_size_t(len(active)), *self._arguments, address(out))
+        out, reached = np.zeros((self._count, 3)), self._reaches(remembering(active))
+        call("tk_steps", active_effects(active), ct.c_size_t(len(active)), *self._arguments, address(reached), address(out))
         return out
+
+    def _reaches(self, active):
+        """Commands (S, 2) behind effects that remember, from the second time on that they are asked for; None before, and of none."""
+        if not active:
+            return None
+        found = None
+        if active in self._reached:
+            found = self._reached.pop(active)
+            if found is None:
+                found = np.empty((len(self._kept[3]), 2))
+                call("tk_reaches", active_effects(active), ct.c_size_t(len(active)), *self._rows, address(found))
+        elif len(self._reached) >= REACHED:
+            del self._reached[next(iter(self._reached))]
+        self._reached[active] = found
+        return found
 
 
 def windows(x, u, dt, starts, steps, active=(), usable=None, integrator=EULER):

@@ -55,6 +55,19 @@ def families(platform="ddr"):
 
 
 @cache
+def _memories(platform):
+    """{effect: (its place in the order, whether it has a state of its own)}."""
+    return {name: (i, raw("tk_effect_remembers", platform.encode(), ct.c_size_t(i)) != 0) for i, name in enumerate(_effects(platform))}
+
+
+def remembering(active, platform="ddr"):
+    """Those of some effects that act up to the last one that has a state of its own."""
+    places = [_memories(platform).get(e.name, (-1, False)) for e in active]
+    last = max((place for place, remembers in places if remembers), default=-1)
+    return tuple(e for e, (place, _) in zip(active, places) if place <= last)
+
+
+@cache
 def _effects(platform):
     table, c_platform = {}, platform.encode()
     while name := raw("tk_effect_name", c_platform, ct.c_size_t(len(table))):

@@ -17,7 +17,7 @@ OWN := $(if $(DICTIONARY),--dictionary "$(DICTIONARY)")
 install = $(1)/bin/pip install $(PIP_OPTIONS) --retries 2 $(addprefix -r ,$(2)) 2>$(BUILD)/pip-$(@F).log || { \
 	echo "Cannot install the packages of $(2): is there a network? pip's messages are in $(BUILD)/pip-$(@F).log" >&2; exit 2; }
 
-.PHONY: help system build c-tests demo test learn control transfer real flights ledger ablate windup diagnose blind constants study supervisor bench targets settings coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
+.PHONY: help system build c-tests demo test learn control transfer real flights ledger ablate windup diagnose blind fleet constants study supervisor bench targets settings coverage mutants fuzz static soak flips determinism flags sanitize amalgamate packagers wheel docs clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / { printf "  make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -125,6 +125,9 @@ $(VENV)/logs-ready: tools/requirements-logs.txt $(VENV)/ready
 
 blind: build $(VENV)/$(if $(or $(ROBOT),$(filter quadrotor,$(PLATFORM))),simulators,blind)-ready ## blind evaluation of the diagnoser on simulated logs with sealed labels (N= logs per tier, SEED=, TIER=, PEERS=no, PLATFORM=fwmav or quadrotor, or ROBOT=car, ..): blind.json
 	@$(TINYKOOP) blind $(if $(PLATFORM),--platform "$(PLATFORM)") $(if $(ROBOT),--robot "$(ROBOT)") $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(filter no,$(PEERS)),--no-peers) $(foreach tier,$(TIER),--tier "$(tier)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
+
+fleet: build $(if $(CLUSTER),$(VENV)/blind-ready) ## processor time per diagnosis of many simulated drives, and what 10,000 per hour take (N= drives, SEED=, CLUSTER=): fleet.json
+	@$(TINYKOOP) fleet $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)
 
 constants: build ## the diagnoser's constants: reason of each, and how many answers change when it is halved and doubled (N= logs of each kind, SEED=): constants.json
 	@$(TINYKOOP) constants $(if $(N),--n "$(N)") $(if $(SEED),--seed "$(SEED)") $(if $(CLUSTER),--cluster "$(CLUSTER)") $(UPDATED)

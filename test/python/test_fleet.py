@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tinykoop import bridge, diagnose
+from tinykoop.blind import fleet as campaign
 from tinykoop.diagnose import several
 from tinykoop.plumbing.errors import UserError
 
@@ -79,3 +80,18 @@ def test_a_log_whose_process_dies_gives_its_line_and_the_others_their_reports(tm
 def test_a_folder_without_logs_is_refused_in_one_line(tmp_path):
     with pytest.raises(UserError, match="no CSV file is in this folder"):
         several.files([tmp_path])
+
+
+def test_a_fleet_of_generated_drives_has_the_processor_time_of_each(tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign, "ROWS", 300)
+    rows = campaign.run(tmp_path, 3, 5, jobs=1)
+    assert [row["log"] for row in rows] == ["00000_single", "00001_single_other", "00002_none_white"]
+    assert all(row["rows"] == 300 and 0 < row["seconds"] < 60 for row in rows) and (tmp_path / "fleet.json").exists()
+
+
+def test_cores_of_a_fleet_are_those_that_its_mean_time_takes():
+    """10,000 drives of 0.72 s are two hours of one core."""
+    rows = [{"log": "a", "rows": 1000, "seconds": 0.36}, {"log": "b", "rows": 2000, "seconds": 1.08}]
+    found = dict(campaign.lines(rows, 3))
+    assert found["drives that failed"] == 1 and found["rows per drive, mean"] == 1500 and found["drives per hour and core"] == 5000
+    assert found["cores for 10000 drives per hour"] == "2"

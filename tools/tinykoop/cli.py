@@ -17,7 +17,7 @@ INTO = ".toml of your own robot, .yaml of a diff_drive_controller, .xml of MuJoC
 OWN, OWN_FILE = "FILE:NAME", "own.py:NAME or own.c:NAME"
 VEHICLES = "of a quadrotor: crazyflie (default), iris, racing, or your own TOML file (docs/quadrotor.md)"
 TABLES = (  # commands that write what they measured into the docs
-    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "flights", "bench", "blind", "constants", "coverage", "mutants", "fuzz", "static", "soak",
+    "learn", "control", "ledger", "transfer", "windup", "study", "supervisor", "real", "flights", "bench", "blind", "fleet", "constants", "coverage", "mutants", "fuzz", "static", "soak",
     "flips", "determinism", "sanitize", "settings",
 )  # fmt: skip
 DEVELOPERS = (  # commands that work on the files of a checkout
@@ -183,6 +183,11 @@ def _assurance(add):
     blind.add_argument("--jobs", type=int, help="processes (default: all cores)")
     blind.add_argument("--cluster", help="address of a Dask scheduler")
 
+    fleet = add("fleet", "processor time per diagnosis of many simulated drives, and what 10,000 per hour take")
+    fleet.add_argument("--n", type=int, default=1000, help="drives")
+    fleet.add_argument("--seed", type=int, default=2026, help="of all drives")
+    fleet.add_argument("--jobs", type=int, help="processes (default: all cores)")
+    fleet.add_argument("--cluster", help="address of a Dask scheduler that shares these folders")
     constants = add("constants", "constants of the diagnoser: which answers change when each is halved, doubled")
     constants.add_argument("--n", type=int, default=2, help="logs of each kind")
     constants.add_argument("--seed", type=int, default=7, help="of all logs")
@@ -350,6 +355,10 @@ def dispatch(a):
         from .diagnose.robots import effects
 
         effects.run(a.robot, a.log)
+    elif a.command == "fleet":
+        from .blind import fleet
+
+        fleet.run(a.out, a.n, a.seed, a.cluster, a.jobs, a.update)
     elif a.command == "constants":
         from .blind import constants
 

@@ -8,6 +8,7 @@ from contextlib import chdir, redirect_stderr, redirect_stdout
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Lock
+from time import process_time
 
 from .. import diagnose
 from ..plumbing.errors import UserError
@@ -31,8 +32,11 @@ def files(paths):
 
 
 def _diagnosed(log, out, folder, options):
-    """(log, report or None, what was said) of one log; folder: where paths begin, wherever the process is. Nothing is raised."""
-    said, report = io.StringIO(), None
+    """(log, report or None, what was said, s of processor time) of one log, wherever the process is. Nothing is raised.
+
+    folder: where paths begin; the time is without that of loading the packages, which a process does once.
+    """
+    said, report, start = io.StringIO(), None, process_time()
     with _one_at_a_time, chdir(folder), redirect_stdout(io.StringIO()), redirect_stderr(said):
         try:
             diagnose.run(log, out, **options)
@@ -41,7 +45,7 @@ def _diagnosed(log, out, folder, options):
             said.write(str(error))
         except Exception as error:  # of whatever kind: the other logs go on
             said.write(f"{log}: {type(error).__name__}: {error}")
-    return log, report, said.getvalue().strip()
+    return log, report, said.getvalue().strip(), process_time() - start
 
 
 def _all(calls):
@@ -61,7 +65,7 @@ def _by_itself(call):
         try:
             return process.submit(_diagnosed, *call).result()
         except BrokenProcessPool:
-            return call[0], None, f"{call[0]}: its process was ended, as by the system when memory is short; diagnose this log alone"
+            return call[0], None, f"{call[0]}: its process was ended, as by the system when memory is short; diagnose this log alone", None
 
 
 def names(logs):
@@ -79,18 +83,25 @@ def _line(log, report):
     return Path(log).name, report["verdict"], effects or "-", *sizes, words.percent(closed)
 
 
-def run(logs, out, options, jobs=None, cluster=None):
-    """[(log, its report)], each also under `out`, and all in diagnoses.json; options: the other arguments of diagnose.run()."""
+def diagnosed(logs, out, options, jobs=None, cluster=None):
+    """[{"log", "report", "error", "seconds" of processor time}] of each log, in diagnoses.json too; options: as diagnose.run() takes them."""
     out, found = output_folder(out), {}
     with workers(cluster, jobs):
-        for log, report, said in _all([(log, out / name, Path.cwd(), options) for log, name in zip(logs, names(logs))]):
-            found[str(log)] = (report, said)
-    write_json(out / "diagnoses.json", [{"log": str(log), "report": found[str(log)][0], "error": found[str(log)][1]} for log in logs])
-    good = [(log, found[str(log)][0]) for log in logs if found[str(log)][0]]
+        for log, *rest in _all([(log, out / name, Path.cwd(), options) for log, name in zip(logs, names(logs))]):
+            found[str(log)] = dict(zip(("report", "error", "seconds"), rest))
+    entries = [{"log": str(log)} | found[str(log)] for log in logs]
+    write_json(out / "diagnoses.json", entries)
+    return entries
+
+
+def run(logs, out, options, jobs=None, cluster=None):
+    """[(log, its report)], each also under `out`, and a table of all; for the arguments see diagnosed()."""
+    entries = diagnosed(logs, out, options, jobs, cluster)
+    good = [(log, entry["report"]) for log, entry in zip(logs, entries) if entry["report"]]
     print_table(
         f"{len(good)} of {len(logs)} logs; errors at the longest horizon",
         ("log", "verdict", "effects", "before", "after", "closed"), [_line(*pair) for pair in good],
     )  # fmt: skip
     if len(good) < len(logs):
-        raise UserError("\n".join(found[str(log)][1] or f"{log}: failed" for log in logs if not found[str(log)][0]))
+        raise UserError("\n".join(entry["error"] or f"{entry['log']}: failed" for entry in entries if not entry["report"]))
     return good

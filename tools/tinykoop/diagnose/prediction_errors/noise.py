@@ -1,6 +1,6 @@
 """Sensor noise and random motion of the robot, by maximum likelihood."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy import optimize
@@ -16,6 +16,7 @@ WHITE = 1e-3  # share of coloured noise that is white, which keeps the filter we
 SPREAD = 30.0  # standard deviations of a start: it is free
 LASTS = 3.0  # s, that random motion keeps its direction at most: what lasts longer is a cause
 COARSEST = 2e7  # times the finest noise of a sensor, that it may have
+AHEAD = 4  # noises whose errors of predictions are kept: they are asked for at several places
 FILTERS = 2  # noises of a path whose filters are kept: a fit asks for one again and again
 AT_ONCE = 8  # noises whose likelihoods are computed together
 ROUNDS, TOLERANCE, STEP = 15, 0.02, 1e-4  # of the search; of -2 log likelihood; by which slopes are taken
@@ -81,23 +82,34 @@ def _filter(path, noise):
 
 def ahead(path, noise, starts, horizons):
     """Variances (S, H, c) of what a perfect model misses, which starts at what was measured and is compared with what was measured."""
+    of, unsure = (path.A, path.G, path.present, path.C), path.unsure(noise)[starts]
+    numbers = *(getattr(noise, field.name) for field in fields(noise)), starts, np.array(horizons), unsure
+    for known_of, known_numbers, known in path.variances_ahead:
+        if all(a is b for a, b in zip(of, known_of)) and all(map(np.array_equal, numbers, known_numbers)):
+            return known
+    out = _ahead(path, noise, starts, horizons, unsure)
+    path.variances_ahead = ((of, numbers, out), *path.variances_ahead[: AHEAD - 1])
+    return out
+
+
+def _ahead(path, noise, starts, horizons, unsure):
     n, r, c = len(path.spread), len(noise.process), len(noise.sensor)
     coloured, shown = noise.sensor_rho > CORRELATED, np.isfinite(path.present)
     outliers = np.where(shown, np.minimum(path.present, FAR), 0).sum(0) / np.maximum(shown.sum(0), 1)
     tint = np.where(coloured, noise.sensor**2, 0.0)
     white = np.where(coloured, WHITE, 1.0) * noise.sensor**2 * outliers
-    P = np.zeros((len(starts), n + r + c, n + r + c))
-    back = np.linalg.pinv(path.C)
-    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + path.unsure(noise)[starts]
+    back, own = np.linalg.pinv(path.C), np.eye(c)[:, : c * coloured.any()]  # coloured noise is a state, where there is any
+    P = np.zeros((len(starts), n + r + own.shape[1], n + r + own.shape[1]))
+    P[:, :n, :n] = back @ np.diag(tint + white) @ back.T + unsure
     P[:, n : n + r, n : n + r] = np.eye(r)
-    P[:, n + r :, n + r :] = np.diag(tint)
-    P[:, :n, n + r :] = -back @ np.diag(tint)
+    P[:, n + r :, n + r :] = np.diag(tint @ own)
+    P[:, :n, n + r :] = -back @ np.diag(tint) @ own
     P[:, n + r :, :n] = P[:, :n, n + r :].swapaxes(1, 2)
-    drive = np.diag(np.concatenate([np.zeros(n), 1 - noise.process_rho**2, (1 - noise.sensor_rho**2) * tint]))
+    drive = np.diag(np.concatenate([np.zeros(n), 1 - noise.process_rho**2, ((1 - noise.sensor_rho**2) * tint) @ own]))
     F = np.zeros_like(P)
     F[:, n : n + r, n : n + r] = np.diag(noise.process_rho)
-    F[:, n + r :, n + r :] = np.diag(noise.sensor_rho)
-    H = np.concatenate([path.C, np.zeros((c, r)), np.eye(c)], 1)
+    F[:, n + r :, n + r :] = np.diag(noise.sensor_rho @ own)
+    H = np.concatenate([path.C, np.zeros((c, r)), own], 1)
     out = np.empty((len(starts), len(horizons), c))
     for k in range(1, max(horizons) + 1):
         rows = np.minimum(starts + k - 1, len(path.A) - 1)

@@ -29,7 +29,7 @@ class Path:
     step_by(), most_starts(), smallest_of(), generic().
     """
 
-    filters = ()  # that noises have kept
+    filters = variances_ahead = ()  # that noises have kept
     noises = noise  # or another that has first(), whitened(), likeliest() and ahead()
     sensor_scale = 1.0  # from the noise that the engine reckons with to that of a sensor, for the report
     lookalikes: dict = {}  # {effects that together look like something that is no effect here: what}

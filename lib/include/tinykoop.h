@@ -99,7 +99,8 @@ typedef struct koop_checksum {
  * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL.
  *
  * A regulator with k reals of memory takes 2 KOOP_PAD(k) more, and one that reshapes P as much again as P and
- * KOOP_PAD(d) + 4 more. So does the gate's storage. The six that are provided have no memory.
+ * KOOP_PAD(d) + 4 more. So does the gate's storage. KOOP_EXTENSION_REALS_SQRT and .._PLAIN, added to these, suffice
+ * for each regulator that is provided; the list below says which of them need it.
  *
  * Only half of a symmetric or triangular matrix is stored, in tiles of 4 x 4. On processors
  * with vector registers, the P of the plain form is stored in full. */
@@ -120,6 +121,12 @@ typedef struct koop_checksum {
 #define KOOP_RLS_REALS_PLAIN(N, m)                                                                           \
 	KOOP_RLS_REALS(N, (size_t)(N) + (m),                                                                     \
 	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
+#define KOOP_EXTENSION_REALS(d, covariance) ((covariance) + KOOP_PAD(d) + 4u + 2u * KOOP_PAD((d) + 1u))
+#define KOOP_EXTENSION_REALS_SQRT(N, m)                                                                      \
+	KOOP_EXTENSION_REALS((size_t)(N) + (m), KOOP_TRIANGLE((size_t)(N) + (m)))
+#define KOOP_EXTENSION_REALS_PLAIN(N, m)                                                                     \
+	KOOP_EXTENSION_REALS((size_t)(N) + (m),                                                                  \
+	                     KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
 
 /* The regulators, which tools and tests list: X(name) for each. To add one takes this line and the file
  * lib/src/regulator_NAME.c, included in lib/src/all.h.
@@ -128,8 +135,10 @@ typedef struct koop_checksum {
  *   dz_cs  P is frozen while the innovation is <= delta: paper, "Error Dead-Zone Gating"
  *   dz_ks  P and Theta are frozen then: the comparison method of the paper
  *   ct     P is scaled to the trace tau0: paper, "Constant-Trace Normalization"
- *   sift   forgets along zeta only: paper, "Subspace-of-Information Forgetting" */
-#define KOOP_REGULATORS(X) X(none) X(ef) X(dz_cs) X(dz_ks) X(ct) X(sift)
+ *   sift   forgets along zeta only: paper, "Subspace-of-Information Forgetting"
+ * Those of other papers; + needs KOOP_EXTENSION_REALS_..:
+ *   reset  + lambda = 1, and P starts again from p0 I: covariance resetting (Goodwin, Elliott and Teoh, 1983) */
+#define KOOP_REGULATORS(X) X(none) X(ef) X(dz_cs) X(dz_ks) X(ct) X(sift) X(reset)
 
 /* Number of reals of a gate's storage, for N lifted states and m inputs, by the form of P. */
 #define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 3u * (size_t)(N))

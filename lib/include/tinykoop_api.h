@@ -240,6 +240,12 @@ typedef struct KOOP(information_floor) {
 	KOOP_REAL eps_sift; /* min zeta' zeta that carries information, finite, >= 0; by default 1e-10. 0: no min */
 } KOOP(information_floor);
 
+/* Settings of reset. */
+typedef struct KOOP(resetting) {
+	KOOP_REAL period;   /* samples from one reset of P to the next, 0 to 2^24; 0: never for this; by default 500 */
+	KOOP_REAL min_trace; /* P is reset below this fraction of its initial trace p0 d, 0 to 1; by default 0.01 */
+} KOOP(resetting);
+
 /* ---- Form: how P is stored ------------------------------------------------- */
 
 /* A form stores P and updates it. Two are provided; you need this struct only to write a third. */
@@ -285,7 +291,7 @@ typedef struct KOOP(config) {
 	const KOOP(regulator) *regulator;
 	const void *settings; /* of the regulator, in its own struct, as koopf_dead_zone for dz_cs; null: the defaults */
 	const KOOP(form) *form;
-	KOOP_REAL lambda;   /* forgetting factor, 0 < lambda <= 1; the regulator `none` ignores it */
+	KOOP_REAL lambda;   /* forgetting factor, 0 < lambda <= 1; the regulators `none` and `reset` ignore it */
 	KOOP_REAL p0;       /* initial covariance P = p0 I, p0 >= FLT_MIN or DBL_MIN; a large p0 trusts the samples */
 	int check;          /* KOOP_CHECK_REFUSE, KOOP_CHECK_REPORT or KOOP_CHECK_DIAGONAL */
 	int checksum;       /* 1: every update verifies and renews a checksum of Theta and P; 0: no checksum */

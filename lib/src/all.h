@@ -19,6 +19,7 @@
 #include "regulator_dead_zone.c"
 #include "regulator_ct.c"
 #include "regulator_sift.c"
+#include "regulator_reset.c"
 
 #include "triangle.c"
 #include "symmetric.c"

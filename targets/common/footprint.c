@@ -70,7 +70,7 @@ static float path[PATH * STATES];
 static float psi[N_MAX], psi_next[N_MAX];
 
 static koopf_gate gate;
-static float gate_storage[KOOP_GATE_REALS_SQRT(N_MAX, INPUTS)];
+static float gate_storage[KOOP_GATE_REALS_SQRT(N_MAX, INPUTS) + KOOP_EXTENSION_REALS_SQRT(N_MAX, INPUTS)];
 
 /* A sample that the gate refuses is no failure. */
 static int unless_outlier(int status) {

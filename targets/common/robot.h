@@ -19,7 +19,7 @@ typedef struct agent {
 	koopf_config config;
 	koopf_rls rls;
 	koopf_mpc mpc;
-	float rls_storage[KOOP_RLS_REALS_PLAIN(N_MAX, INPUTS)];
+	float rls_storage[KOOP_RLS_REALS_PLAIN(N_MAX, INPUTS) + KOOP_EXTENSION_REALS_PLAIN(N_MAX, INPUTS)];
 	float mpc_storage[KOOP_MPC_REALS_NEWTON(N_MAX, STATES, INPUTS, HORIZON)];
 } agent;
 

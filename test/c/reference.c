@@ -5,7 +5,7 @@ void reference_start(reference *r, const estimator *e) {
 	r->N = e->dictionary.n_lifted;
 	r->d = r->N + e->config.n_inputs;
 	r->regulator = e->config.regulator->name;
-	static const char *const known[] = {"none", "ef", "dz_cs", "dz_ks", "ct", "sift"};
+	static const char *const known[] = {"none", "ef", "dz_cs", "dz_ks", "ct", "sift", "reset"};
 	int found = 0;
 	for (size_t i = 0; i < sizeof known / sizeof *known; i++) { found |= strcmp(r->regulator, known[i]) == 0; }
 	CHECK(found, "test/c/reference.c has no recursion of '%s': write it there, and add it to `known`", r->regulator);
@@ -13,6 +13,8 @@ void reference_start(reference *r, const estimator *e) {
 	r->delta = (wide)e->dead_zone.delta;
 	r->tau0 = e->trace.tau0 > 0 ? (wide)e->trace.tau0 : (wide)e->config.p0 * (wide)r->d;
 	r->eps_sift = (wide)e->floor.eps_sift;
+	r->p0 = (wide)e->config.p0;
+	for (size_t i = 0; i < MAX_SETTINGS; i++) { r->own[i] = (wide)e->own[i]; }
 	for (size_t i = 0; i < r->d; i++) {
 		r->P[i * r->d + i] = (wide)e->config.p0;
 		r->R[i * r->d + i] = 1 / (wide)e->config.p0;
@@ -43,6 +45,63 @@ static void add_outer(wide *M, wide a, const wide *x, size_t d) {
 	}
 }
 
+/* ---- Regulators of other papers ------------------------------------------------------
+ *
+ * The library changes P by rank-one terms. Here R = P^-1 is what is kept, and Theta += error (P zeta)' with the P
+ * that has learned from the sample, as most of these papers have it. */
+
+static void set_identity(wide *M, wide value, size_t d) {
+	for (size_t i = 0; i < d * d; i++) { M[i] = i % (d + 1) == 0 ? value : 0; }
+}
+
+/* P = R^-1, symmetric bit for bit */
+static void invert_information(reference *r) {
+	static wide copied[MAX_D * MAX_D];
+	memcpy(copied, r->R, r->d * r->d * sizeof(wide));
+	set_identity(r->P, 1, r->d);
+	solve_positive_definite(copied, r->d, r->P, r->d);
+	for (size_t i = 0; i < r->d; i++) {
+		for (size_t j = 0; j < i; j++) { r->P[i * r->d + j] = r->P[j * r->d + i]; }
+	}
+}
+
+/* R = lambda R + zeta zeta', and Theta by its inverse */
+static void learn_by_information(reference *r, wide lambda, const wide *zeta, const wide *error) {
+	wide gain[MAX_D];
+	for (size_t i = 0; i < r->d * r->d; i++) { r->R[i] *= lambda; }
+	add_outer(r->R, 1, zeta, r->d);
+	invert_information(r);
+	times(r->P, zeta, r->d, gain);
+	for (size_t i = 0; i < r->N * r->d; i++) { r->theta[i] += error[i / r->d] * gain[i % r->d]; }
+}
+
+static wide trace_of_wide(const wide *M, size_t d) {
+	wide sum = 0;
+	for (size_t i = 0; i < d; i++) { sum += M[i * d + i]; }
+	return sum;
+}
+
+/* own: period, min_trace; memory: samples since the last reset */
+static void update_reset(reference *r, const wide *zeta, const wide *error) {
+	learn_by_information(r, 1, zeta, error);
+	r->memory[0] += 1;
+	const int late = r->own[0] > 0 && r->memory[0] > r->own[0] - (wide)0.5;
+	if (!late && trace_of_wide(r->P, r->d) >= r->own[1] * r->p0 * (wide)r->d) { return; }
+	set_identity(r->P, r->p0, r->d);
+	set_identity(r->R, 1 / r->p0, r->d);
+	r->memory[0] = 0;
+}
+
+/* Returns 1 if the regulator is one of these. */
+static int update_of_other_papers(reference *r, const wide *zeta, const wide *error) {
+	if (strcmp(r->regulator, "reset") == 0) {
+		update_reset(r, zeta, error);
+	} else {
+		return 0;
+	}
+	return 1;
+}
+
 int reference_update(reference *r, const real *zeta_real, const real *psi_next) {
 	const size_t N = r->N, d = r->d;
 	wide zeta[MAX_D], error[MAX_N], Pz[MAX_D], Rz[MAX_D];
@@ -58,6 +117,7 @@ int reference_update(reference *r, const real *zeta_real, const real *psi_next) 
 		innovation += error[i] * error[i];
 	}
 	innovation = sqrt(innovation);
+	if (update_of_other_papers(r, zeta, error)) { return 0; }
 
 	const int dead_zone = strncmp(r->regulator, "dz_", 3) == 0;
 	const int gated = dead_zone && innovation <= r->delta;

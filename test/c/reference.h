@@ -8,10 +8,12 @@
 typedef struct {
 	size_t N, d;
 	const char *regulator;
-	wide lambda, delta, tau0, eps_sift;
+	wide lambda, p0, delta, tau0, eps_sift;
+	wide own[MAX_SETTINGS];    /* settings of a regulator that is not the paper's */
+	wide memory[MAX_SETTINGS]; /* what it remembers */
 	wide theta[MAX_N * MAX_D]; /* N rows of d */
 	wide P[MAX_D * MAX_D];
-	wide R[MAX_D * MAX_D]; /* P^-1, SIFt only */
+	wide R[MAX_D * MAX_D]; /* P^-1, of SIFt and of the regulators that are not the paper's */
 } reference;
 
 /* Theta = 0, P = p0 I, settings as in `e` */

@@ -69,7 +69,8 @@ static const void *settings_of(const estimator *e) {
 	const char *first = regulator && regulator->n_settings > 0 ? regulator->settings[0].name : "";
 	if (strcmp(first, "delta") == 0) { return &e->dead_zone; }
 	if (strcmp(first, "tau0") == 0) { return &e->trace; }
-	return strcmp(first, "eps_sift") == 0 ? &e->floor : NULL;
+	if (strcmp(first, "eps_sift") == 0) { return &e->floor; }
+	return strlen(first) > 0 ? e->own : NULL;
 }
 
 void estimator_settings(estimator *e, size_t N, size_t m, const KOOP(regulator) *regulator,
@@ -91,6 +92,10 @@ void estimator_settings(estimator *e, size_t N, size_t m, const KOOP(regulator) 
 	e->floor.eps_sift = (real)1e-10;
 	e->config.check = KOOP_CHECK_REFUSE;
 	e->config.settings = settings_of(e);
+	if (e->config.settings == e->own) {
+		TEST_ASSERT_TRUE(regulator->n_settings <= MAX_SETTINGS);
+		memcpy(e->own, regulator->defaults, regulator->n_settings * sizeof(real));
+	}
 }
 
 void estimator_start(estimator *e) {

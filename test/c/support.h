@@ -37,6 +37,7 @@ void random_fill(random_source *source, real *x, size_t count, double low, doubl
 #define MAX_N 22
 #define MAX_M 3
 #define MAX_D (MAX_N + MAX_M)
+#define MAX_SETTINGS 4
 
 #define COUNT_REGULATOR(name) +1
 enum { REGULATORS = 0 KOOP_REGULATORS(COUNT_REGULATOR), FORMS = 2 };
@@ -51,8 +52,9 @@ typedef struct {
 	KOOP(dead_zone) dead_zone; /* settings of the regulators that have these */
 	KOOP(constant_trace) trace;
 	KOOP(information_floor) floor;
+	real own[MAX_SETTINGS]; /* of a regulator with other settings, in its order; they start as its defaults */
 	KOOP(rls) rls;
-	real storage[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M)]; /* a listed regulator with a memory would need more */
+	real storage[KOOP_RLS_REALS_PLAIN(MAX_N, MAX_M) + KOOP_EXTENSION_REALS_PLAIN(MAX_N, MAX_M)];
 } estimator;
 
 /* lambda 0.95, p0 10, delta 0.1, the default trace and threshold, KOOP_CHECK_REFUSE */

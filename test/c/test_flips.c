@@ -100,7 +100,7 @@ static void test_a_refusal_is_not_taken_for_a_flip(void) {
 
 typedef struct {
 	KOOP(gate) gate;
-	real storage[KOOP_GATE_REALS_SQRT(N, M)];
+	real storage[KOOP_GATE_REALS_SQRT(N, M) + KOOP_EXTENSION_REALS_SQRT(N, M)];
 } gated;
 static gated g;
 

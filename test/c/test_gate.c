@@ -8,7 +8,7 @@ static const double NOISE = 1e-3;
 
 static estimator e, twin;
 static KOOP(gate) gate;
-enum { REALS = KOOP_GATE_REALS_PLAIN(N, M) };
+enum { REALS = KOOP_GATE_REALS_PLAIN(N, M) + KOOP_EXTENSION_REALS_PLAIN(N, M) };
 static real storage[REALS];
 static random_source random;
 
@@ -48,12 +48,18 @@ static double error_on(double gain) {
 	return sqrt(sum / (100 * N));
 }
 
+/* After a reset of P the next innovations are large, and some are refused: not what these tests are about. */
+static void never_reset(void) {
+	if (e.config.regulator == &KOOP(reg_reset)) { memset(e.own, 0, sizeof e.own); }
+}
+
 static void start(const KOOP(regulator) *regulator, const KOOP(form) *form, const KOOP(gate_config) *config) {
 	random = random_seed(61);
 	estimator_settings(&e, N, M, regulator, form);
 	e.dead_zone.delta = (real)NOISE;
 	e.config.p0 = 10000; /* what is known at first counts for little beside the noise */
 	e.trace.tau0 = D;
+	never_reset();
 	estimator_start(&e);
 	CHECK_STATUS(KOOP_OK, KOOP(gate_init)(&gate, config, &e.rls, storage, REALS));
 }
@@ -86,6 +92,7 @@ static void test_what_is_taken_is_learned_as_without_it(void) {
 		twin.trace = e.trace;
 		twin.floor = e.floor;
 		twin.config.dictionary = &twin.dictionary;
+		memcpy(twin.own, e.own, sizeof twin.own);
 		estimator_start(&twin);
 		for (int k = 0; k < 500; k++) {
 			real zeta[D], psi_next[N];

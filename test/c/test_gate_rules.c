@@ -11,7 +11,7 @@ static const double NOISE = 1e-3;
 
 static estimator e;
 static KOOP(gate) gate;
-enum { REALS = KOOP_GATE_REALS_PLAIN(MOST_N, MOST_M) };
+enum { REALS = KOOP_GATE_REALS_PLAIN(MOST_N, MOST_M) + KOOP_EXTENSION_REALS_PLAIN(MOST_N, MOST_M) };
 static real storage[REALS];
 static random_source random;
 

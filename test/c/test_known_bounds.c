@@ -51,7 +51,7 @@ static void test_no_element_is_beyond_its_bound(void) {
 
 /* A gate keeps the bounds with what it keeps of the learner. */
 static void test_a_gate_keeps_the_bounds_too(void) {
-	static real storage[KOOP_GATE_REALS_PLAIN(MAX_N, MAX_M)];
+	static real storage[KOOP_GATE_REALS_PLAIN(MAX_N, MAX_M) + KOOP_EXTENSION_REALS_PLAIN(MAX_N, MAX_M)];
 	random_source random = random_seed(42);
 	for (int f = 0; f < FORMS; f++) {
 		KOOP(gate) gate;

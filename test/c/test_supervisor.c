@@ -14,7 +14,7 @@ typedef struct {
 	KOOP(rls) rls;
 	KOOP(mpc) mpc;
 	KOOP(supervisor) supervisor;
-	real rls_storage[KOOP_RLS_REALS_PLAIN(MOST_N, M)];
+	real rls_storage[KOOP_RLS_REALS_PLAIN(MOST_N, M) + KOOP_EXTENSION_REALS_PLAIN(MOST_N, M)];
 	real mpc_storage[KOOP_MPC_REALS_NEWTON(MOST_N, STATES, M, H) + KOOP_MPC_REALS_RATE(M, H)];
 	real supervisor_storage[KOOP_SUPERVISOR_REALS(MOST_N, STATES, M, H)];
 	real offline[D * KOOP_PAD(MOST_N)];

@@ -421,8 +421,8 @@ static void call_model_covariance(world *w) {
 	KOOP(rls) *rls = &w->rls;
 	if (!rls->theta) { return; }
 	const size_t triangles = rls->config.form->triangles(rls);
-	const size_t size = KOOP_MODEL_HEADER_BYTES + sizeof(real) * (rls->n_lifted * rls->n_regressors +
-	                                                              triangles * KOOP_MODEL_TRIANGLE(rls->n_regressors));
+	const size_t covariance = triangles * KOOP_MODEL_TRIANGLE(rls->n_regressors) + rls->n_memory;
+	const size_t size = KOOP_MODEL_HEADER_BYTES + sizeof(real) * (rls->n_lifted * rls->n_regressors + covariance);
 	unsigned char *bytes = allocate(size), *again = allocate(size);
 	EXPECT(KOOP(model_save_covariance)(rls, bytes, size - 1) == KOOP_E_STORAGE, "a byte less is enough");
 	EXPECT(KOOP(model_save_covariance)(rls, bytes, size) == KOOP_OK, "not saved");

@@ -37,8 +37,8 @@ typedef struct {
 	unsigned long lost, recoveries, episodes;
 	size_t worst_recovery;
 	double worst_ratio; /* of errors at the end of an episode */
-	real storage[KOOP_RLS_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS)];
-	real gate_storage[KOOP_GATE_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS)];
+	real storage[KOOP_RLS_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS) + KOOP_EXTENSION_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS)];
+	real gate_storage[KOOP_GATE_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS) + KOOP_EXTENSION_REALS_PLAIN(MOST_LIFTED, MOST_INPUTS)];
 } learner;
 
 static void fatal(const char *what) {

@@ -99,7 +99,7 @@ typedef struct koop_checksum {
  * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL.
  *
  * A regulator with k reals of memory takes 2 KOOP_PAD(k) more, and one that reshapes P as much again as P and
- * KOOP_PAD(d) + 4 more. So does the gate's storage. KOOP_EXTENSION_REALS_SQRT and .._PLAIN, added to these, suffice
+ * 2 KOOP_PAD(d) + 4 more. So does the gate's storage. KOOP_EXTENSION_REALS_SQRT and .._PLAIN, added to these, suffice
  * for each regulator that is provided; the list below says which of them need it.
  *
  * Only half of a symmetric or triangular matrix is stored, in tiles of 4 x 4. On processors
@@ -121,7 +121,7 @@ typedef struct koop_checksum {
 #define KOOP_RLS_REALS_PLAIN(N, m)                                                                           \
 	KOOP_RLS_REALS(N, (size_t)(N) + (m),                                                                     \
 	               2u * KOOP_SYMMETRIC((size_t)(N) + (m)) + KOOP_TRIANGLE((size_t)(N) + (m)))
-#define KOOP_EXTENSION_REALS(d, covariance) ((covariance) + KOOP_PAD(d) + 4u + 2u * KOOP_PAD((d) + 1u))
+#define KOOP_EXTENSION_REALS(d, covariance) ((covariance) + 2u * KOOP_PAD(d) + 4u + 2u * KOOP_PAD((d) + 1u))
 #define KOOP_EXTENSION_REALS_SQRT(N, m)                                                                      \
 	KOOP_EXTENSION_REALS((size_t)(N) + (m), KOOP_TRIANGLE((size_t)(N) + (m)))
 #define KOOP_EXTENSION_REALS_PLAIN(N, m)                                                                     \
@@ -137,8 +137,14 @@ typedef struct koop_checksum {
  *   ct     P is scaled to the trace tau0: paper, "Constant-Trace Normalization"
  *   sift   forgets along zeta only: paper, "Subspace-of-Information Forgetting"
  * Those of other papers; + needs KOOP_EXTENSION_REALS_..:
- *   reset  + lambda = 1, and P starts again from p0 I: covariance resetting (Goodwin, Elliott and Teoh, 1983) */
-#define KOOP_REGULATORS(X) X(none) X(ef) X(dz_cs) X(dz_ks) X(ct) X(sift) X(reset)
+ *   reset  + lambda = 1, and P starts again from p0 I: covariance resetting (Goodwin, Elliott and Teoh, 1983)
+ *   vrf    + lambda varies with the innovation: variable-rate forgetting (Bruce, Goel and Bernstein, 2020)
+ *   er     + P tends to p_inf I: exponential resetting (Lai and Bernstein, 2023)
+ *   cr     + the same, one direction per sample: cyclic resetting (Lai and Bernstein, 2023)
+ *   kulhavy + forgets along zeta only: directional forgetting (Kulhavy and Karny, 1984)
+ *   bgf    lambda tends to 1 as the trace of P tends to k0: bounded-gain forgetting (Slotine and Li, 1991) */
+#define KOOP_REGULATORS(X)                                                                                   \
+	X(none) X(ef) X(dz_cs) X(dz_ks) X(ct) X(sift) X(reset) X(vrf) X(er) X(cr) X(kulhavy) X(bgf)
 
 /* Number of reals of a gate's storage, for N lifted states and m inputs, by the form of P. */
 #define KOOP_GATE_REALS_SQRT(N, m) (KOOP_RLS_REALS_SQRT(N, m) + 3u * (size_t)(N))

@@ -155,7 +155,7 @@ typedef struct KOOP(step) {
 	KOOP_REAL inflate; /* >= 0; SIFt: (1 - lambda) / (lambda zeta' P^-1 zeta); else 0 */
 	KOOP_REAL deflate; /* with needs_information: P^-1 loses deflate (P^-1 zeta)(P^-1 zeta)', and gains zeta zeta' */
 	KOOP_REAL trace;   /* the trace to which P is scaled at the end; 0: P is not scaled */
-	KOOP_REAL weight;  /* factor on the change of Theta, >= 0; 1 */
+	KOOP_REAL weight;  /* factor on the change of Theta; 1. Negative only from `adjust`, where noise + s is */
 	int update_theta;      /* 0: Theta stays as it is */
 	int update_covariance; /* 0: P stays as it is */
 } KOOP(step);
@@ -242,9 +242,30 @@ typedef struct KOOP(information_floor) {
 
 /* Settings of reset. */
 typedef struct KOOP(resetting) {
-	KOOP_REAL period;   /* samples from one reset of P to the next, 0 to 2^24; 0: never for this; by default 500 */
+	KOOP_REAL period;    /* samples from one reset of P to the next, 0 to 2^24; 0: never for this; by default 500 */
 	KOOP_REAL min_trace; /* P is reset below this fraction of its initial trace p0 d, 0 to 1; by default 0.01 */
 } KOOP(resetting);
+
+/* Settings of vrf. */
+typedef struct KOOP(variable_rate) {
+	KOOP_REAL fast, slow; /* samples in the two means of the squared innovation, 1 <= fast < slow <= 2^24; 10 and 100 */
+	KOOP_REAL eta;        /* how strongly their ratio makes it forget, 0 to 1000; by default 0.1 */
+} KOOP(variable_rate);
+
+/* Settings of er and cr. */
+typedef struct KOOP(attractor) {
+	KOOP_REAL p_inf; /* P tends to p_inf I without excitation, > 0, below an eighth of the largest real; 0, the default: p0 */
+} KOOP(attractor);
+
+/* Settings of kulhavy. */
+typedef struct KOOP(direction) {
+	KOOP_REAL min_square; /* min zeta' zeta that changes P, finite, >= 0; by default 1e-10. 0: no min */
+} KOOP(direction);
+
+/* Settings of bgf. */
+typedef struct KOOP(bounded_gain) {
+	KOOP_REAL k0; /* bound of the trace of P, from p0 d to an eighth of the largest real; 0, the default: p0 d */
+} KOOP(bounded_gain);
 
 /* ---- Form: how P is stored ------------------------------------------------- */
 

@@ -20,6 +20,10 @@
 #include "regulator_ct.c"
 #include "regulator_sift.c"
 #include "regulator_reset.c"
+#include "regulator_vrf.c"
+#include "regulator_er.c"
+#include "regulator_kulhavy.c"
+#include "regulator_bgf.c"
 
 #include "triangle.c"
 #include "symmetric.c"

@@ -1,7 +1,7 @@
 /* What regulators need that have memory, that adjust a step, or that reshape P. Other regulators do not link it.
  *
  * A refused sample leaves memory and P as they were, bit for bit. For that the storage ends with a copy of the
- * memory and, if P is reshaped, of the stored P, the gain and the numbers of P. */
+ * memory and, if P is reshaped, of the stored P, zeta, the gain and the numbers of P. */
 
 #define EXTENSION_NUMBERS 4
 
@@ -14,7 +14,7 @@ static COLD size_t extension_size(KOOP(rls) *rls, size_t covariance) {
 	const KOOP(extension) *own = rls->config.regulator->extension;
 	rls->n_undo = own->reshape ? covariance : 0;
 	rls->n_memory = own->memory ? own->memory(rls) : 0;
-	const size_t memory = KOOP_PAD(rls->n_memory), beside = rls->n_regressors_padded + EXTENSION_NUMBERS;
+	const size_t memory = KOOP_PAD(rls->n_memory), beside = 2 * rls->n_regressors_padded + EXTENSION_NUMBERS;
 	const size_t copy_of_covariance = rls->n_undo > 0 ? rls->n_undo + beside : 0;
 	rls->n_undo += memory;
 	return 2 * memory + copy_of_covariance;
@@ -26,7 +26,7 @@ static COLD void extension_restart(KOOP(rls) *rls) {
 }
 
 static COLD void extension_keep(KOOP(rls) *rls) {
-	real *numbers = undo_of(rls) + rls->n_undo + rls->n_regressors_padded;
+	real *numbers = undo_of(rls) + rls->n_undo + 2 * rls->n_regressors_padded;
 	copy(undo_of(rls), rls->memory, rls->n_undo);
 	if (!rls->config.regulator->extension->reshape) { return; }
 	numbers[0] = rls->covariance_scale;
@@ -36,7 +36,7 @@ static COLD void extension_keep(KOOP(rls) *rls) {
 }
 
 static COLD void extension_undo(KOOP(rls) *rls) {
-	const real *numbers = undo_of(rls) + rls->n_undo + rls->n_regressors_padded;
+	const real *numbers = undo_of(rls) + rls->n_undo + 2 * rls->n_regressors_padded;
 	copy(rls->memory, undo_of(rls), rls->n_undo);
 	if (!rls->config.regulator->extension->reshape) { return; }
 	rls->covariance_scale = numbers[0];
@@ -53,13 +53,13 @@ static COLD int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *fr
 	return status;
 }
 
-/* Theta's change, which comes later, still needs the gain. */
+/* Theta's change, which comes later, still needs the gain, and the gate needs zeta; they are neighbours. */
 static COLD int extension_finish(KOOP(rls) *rls) {
-	real *gain = undo_of(rls) + rls->n_undo;
+	real *vectors = undo_of(rls) + rls->n_undo;
 	if (!rls->config.regulator->extension->reshape) { return KOOP_OK; }
-	copy(gain, rls->gain, rls->n_regressors_padded);
+	copy(vectors, rls->zeta, 2 * rls->n_regressors_padded);
 	const int status = rls->config.regulator->extension->reshape(rls);
-	copy(rls->gain, gain, rls->n_regressors_padded);
+	copy(rls->zeta, vectors, 2 * rls->n_regressors_padded);
 	return status;
 }
 

@@ -261,11 +261,13 @@ static INLINE int apply_step(KOOP(rls) *rls, int extended, const KOOP(step) *ste
 	return status == KOOP_OK && extended ? extension_finish(rls) : status;
 }
 
-/* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
-static INLINE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
-                                     real *bound) {
+/* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. Only an extension has
+ * a weight that can be negative. */
+static INLINE int theta_stays_finite(const KOOP(rls) *rls, int extended, const KOOP(step) *step,
+                                     real innovation, real *bound) {
 	const real size = innovation * MATH(sqrt)(rls->gain_square);
-	const real growth = step->update_theta ? size * step->weight : 0;
+	const real weight = extended ? MATH(fabs)(step->weight) : step->weight;
+	const real growth = step->update_theta ? size * weight : 0;
 	*bound = rls->theta_bound + growth;
 	if (!(*bound < REAL_MAX / 2)) {
 		*bound = max_abs(rls->theta, rls->n_regressors * rls->n_lifted_padded) + growth;
@@ -298,7 +300,7 @@ static INLINE int change_model(KOOP(rls) *rls, int extended, real innovation, in
 
 	status = compute_gain(rls, extended, &step, frozen, &denominator);
 	if (status != KOOP_OK) { return status; }
-	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
+	if (!theta_stays_finite(rls, extended, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
 	status = apply_step(rls, extended, &step, denominator);
 	if (status != KOOP_OK) { return status; }
 

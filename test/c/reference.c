@@ -5,7 +5,8 @@ void reference_start(reference *r, const estimator *e) {
 	r->N = e->dictionary.n_lifted;
 	r->d = r->N + e->config.n_inputs;
 	r->regulator = e->config.regulator->name;
-	static const char *const known[] = {"none", "ef", "dz_cs", "dz_ks", "ct", "sift", "reset"};
+	static const char *const known[] = {"none", "ef", "dz_cs", "dz_ks", "ct", "sift", "reset",
+	                                    "vrf", "er", "cr", "kulhavy", "bgf"};
 	int found = 0;
 	for (size_t i = 0; i < sizeof known / sizeof *known; i++) { found |= strcmp(r->regulator, known[i]) == 0; }
 	CHECK(found, "test/c/reference.c has no recursion of '%s': write it there, and add it to `known`", r->regulator);
@@ -92,10 +93,63 @@ static void update_reset(reference *r, const wide *zeta, const wide *error) {
 	r->memory[0] = 0;
 }
 
+/* own: fast, slow, eta; memory: samples, and the two means */
+static void update_vrf(reference *r, const wide *zeta, const wide *error) {
+	wide square = 0;
+	for (size_t i = 0; i < r->N; i++) { square += error[i] * error[i]; }
+	r->memory[0] += 1;
+	for (size_t i = 0; i < 2; i++) {
+		const wide weight = 1 / fmin(r->memory[0], r->own[i]);
+		r->memory[1 + i] = (1 - weight) * r->memory[1 + i] + weight * square;
+	}
+	const wide ratio = r->memory[2] > 0 ? sqrt(r->memory[1] / r->memory[2]) : 1;
+	learn_by_information(r, fmax(r->lambda, 1 / (1 + r->own[2] * fmax(0, ratio - 1))), zeta, error);
+}
+
+/* own: p_inf; memory: the direction that is next. R is that before the sample, so it forgets for the next one. */
+static void update_resetting(reference *r, int cyclic, const wide *zeta, const wide *error) {
+	const wide p_inf = r->own[0] > 0 ? r->own[0] : r->p0;
+	learn_by_information(r, 1, zeta, error);
+	for (size_t i = 0; i < r->d * r->d; i++) { r->R[i] *= r->lambda; }
+	for (size_t i = 0; i < r->d; i++) {
+		const int next = !cyclic || fabs(r->memory[0] - (wide)i) < (wide)0.5;
+		const wide share = cyclic ? 1 - pow(r->lambda, (wide)r->d) : 1 - r->lambda;
+		r->R[i * r->d + i] += next ? share / p_inf : 0;
+	}
+	r->memory[0] = fmod(r->memory[0] + 1, (wide)r->d);
+	invert_information(r);
+}
+
+/* own: min_square */
+static void update_kulhavy(reference *r, const wide *zeta, const wide *error) {
+	wide gain[MAX_D], square = 0;
+	const wide s = times(r->P, zeta, r->d, gain);
+	for (size_t i = 0; i < r->N * r->d; i++) { r->theta[i] += error[i / r->d] * gain[i % r->d] / (1 + s); }
+	for (size_t i = 0; i < r->d; i++) { square += zeta[i] * zeta[i]; }
+	if (square < r->own[0] || !(s > 0)) { return; }
+	add_outer(r->R, r->lambda - (1 - r->lambda) / s, zeta, r->d);
+	invert_information(r);
+}
+
+/* own: k0 */
+static void update_bgf(reference *r, const wide *zeta, const wide *error) {
+	const wide k0 = r->own[0] > 0 ? r->own[0] : r->p0 * (wide)r->d;
+	const wide rate = (1 - r->lambda) * (1 - trace_of_wide(r->P, r->d) / k0);
+	learn_by_information(r, 1 - fmax(rate, 0), zeta, error);
+}
+
 /* Returns 1 if the regulator is one of these. */
 static int update_of_other_papers(reference *r, const wide *zeta, const wide *error) {
 	if (strcmp(r->regulator, "reset") == 0) {
 		update_reset(r, zeta, error);
+	} else if (strcmp(r->regulator, "vrf") == 0) {
+		update_vrf(r, zeta, error);
+	} else if (strcmp(r->regulator, "er") == 0 || strcmp(r->regulator, "cr") == 0) {
+		update_resetting(r, r->regulator[0] == 'c', zeta, error);
+	} else if (strcmp(r->regulator, "kulhavy") == 0) {
+		update_kulhavy(r, zeta, error);
+	} else if (strcmp(r->regulator, "bgf") == 0) {
+		update_bgf(r, zeta, error);
 	} else {
 		return 0;
 	}

@@ -172,6 +172,19 @@ static void test_flipped_bit_of_memory_is_repaired(void) {
 	TEST_ASSERT_EQUAL_MEMORY(memory, e.rls.memory, sizeof memory);
 }
 
+/* The gate compares the saved model on the same sample, after P has been reshaped. */
+static void test_reshape_leaves_the_regressor(void) {
+	for (int f = 0; f < FORMS; f++) {
+		random_source random = random_seed(82);
+		real zeta[D], psi_next[N];
+		start(&everything, all_forms[f]);
+		plan.information = plan.factor = (real)1.01;
+		sample(&random, zeta, psi_next);
+		CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+		TEST_ASSERT_EQUAL_MEMORY(zeta, e.rls.zeta, sizeof zeta);
+	}
+}
+
 /* ---- Storage, reset, copies, stored models ------------------------------------------------------- */
 
 static void test_storage_grows_by_what_is_said(void) {
@@ -188,7 +201,7 @@ static void test_storage_grows_by_what_is_said(void) {
 		e.config.regulator = &reshapes;
 		CHECK_STATUS(KOOP_OK, KOOP(rls_reals)(&e.config, &reshape));
 		TEST_ASSERT_EQUAL_size_t(bare + 2 * KOOP_PAD(D + 2), memory);
-		TEST_ASSERT_EQUAL_size_t(bare + P + KOOP_PAD(D) + 4, reshape);
+		TEST_ASSERT_EQUAL_size_t(bare + P + 2 * KOOP_PAD(D) + 4, reshape);
 		TEST_ASSERT_EQUAL_size_t(reshape + 2 * KOOP_PAD(D + 2), all);
 		e.storage[all] = 42;
 		e.config.regulator = &everything;
@@ -449,6 +462,7 @@ int main(void) {
 	RUN_TEST(test_refusal_leaves_memory_and_covariance);
 	RUN_TEST(test_memory_of_a_sample_that_is_not_learned);
 	RUN_TEST(test_flipped_bit_of_memory_is_repaired);
+	RUN_TEST(test_reshape_leaves_the_regressor);
 	RUN_TEST(test_storage_grows_by_what_is_said);
 	RUN_TEST(test_reset_of_covariance_restarts_the_memory);
 	RUN_TEST(test_stored_model_has_the_memory);

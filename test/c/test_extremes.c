@@ -43,6 +43,8 @@ static void any_estimator(void) {
 	e.trace.tau0 = ANY_OF(0, 1, 1e-6, 1e6, 1e-30, 1e30, (double)REAL_MIN / 8, (double)REAL_MAX / 9);
 	e.dead_zone.delta = ANY_OF(0, 0.1, 1e6);
 	e.floor.eps_sift = ANY_OF(1e-20, 1e-10, 1, (double)REAL_MIN / 8);
+	size_t reals; /* exponential resetting refuses a lambda that does not go with p0 */
+	if (e.config.regulator->check && KOOP(rls_reals)(&e.config, &reals) != KOOP_OK) { e.config.lambda = 1; }
 	estimator_start(&e);
 }
 

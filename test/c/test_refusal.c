@@ -218,8 +218,10 @@ static void test_reset_to_the_ends_of_the_range(void) {
 						TEST_ASSERT_TRUE(now.covariance_fits);
 						CHECK(learned_is_finite(&now, &seen), "%s from %g: status %d, P[0][0] = %g",
 						      estimator_name(&seen), starts[s], status, (double)now.covariance[0]);
+						/* one that adds to P^-1 beyond what the plain form can resolve has it reported */
+						const int reported = check == KOOP_CHECK_REPORT && !seen.rls.positive_definite;
 						for (int i = 0; i < D; i++) {
-							CHECK(now.covariance[i * D + i] > 0, "%s from %g: status %d, P[%d][%d] = %g",
+							CHECK(reported || now.covariance[i * D + i] > 0, "%s from %g: status %d, P[%d][%d] = %g",
 							      estimator_name(&seen), starts[s], status, i, i,
 							      (double)now.covariance[i * D + i]);
 						}

@@ -155,7 +155,7 @@ typedef struct KOOP(step) {
 	KOOP_REAL inflate; /* >= 0; SIFt: (1 - lambda) / (lambda zeta' P^-1 zeta); else 0 */
 	KOOP_REAL deflate; /* with needs_information: P^-1 loses deflate (P^-1 zeta)(P^-1 zeta)', and gains zeta zeta' */
 	KOOP_REAL trace;   /* the trace to which P is scaled at the end; 0: P is not scaled */
-	KOOP_REAL weight;  /* factor on the change of Theta; 1. Negative only from `adjust`, where noise + s is */
+	KOOP_REAL weight;  /* factor on the change of Theta; 1 without an extension. Negative only where noise + s is */
 	int update_theta;      /* 0: Theta stays as it is */
 	int update_covariance; /* 0: P stays as it is */
 } KOOP(step);

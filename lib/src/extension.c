@@ -54,12 +54,18 @@ static COLD int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *fr
 }
 
 /* Theta's change, which comes later, still needs the gain, and the gate needs zeta; they are neighbours. */
-static COLD int extension_finish(KOOP(rls) *rls) {
+static COLD int extension_reshape(KOOP(rls) *rls) {
 	real *vectors = undo_of(rls) + rls->n_undo;
-	if (!rls->config.regulator->extension->reshape) { return KOOP_OK; }
 	copy(vectors, rls->zeta, 2 * rls->n_regressors_padded);
 	const int status = rls->config.regulator->extension->reshape(rls);
 	copy(rls->zeta, vectors, 2 * rls->n_regressors_padded);
+	return status;
+}
+
+/* The weight goes into the gain: of a product of three, the two layouts of Theta's loops would round differently. */
+static COLD int extension_finish(KOOP(rls) *rls, const KOOP(step) *step) {
+	const int status = rls->config.regulator->extension->reshape ? extension_reshape(rls) : KOOP_OK;
+	scaled(rls->gain, step->weight, rls->gain, rls->n_regressors_padded);
 	return status;
 }
 

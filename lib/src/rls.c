@@ -245,7 +245,7 @@ static INLINE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, re
 
 /* What the extension does in the course of a sample. */
 static int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen);
-static int extension_finish(KOOP(rls) *rls);
+static int extension_finish(KOOP(rls) *rls, const KOOP(step) *step);
 
 /* Computes the gain K and the denominator, for the step as the regulator has it in the end. */
 static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, int *frozen,
@@ -258,7 +258,7 @@ static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, i
 /* Changes P. */
 static INLINE int apply_step(KOOP(rls) *rls, int extended, const KOOP(step) *step, real denominator) {
 	const int status = step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
-	return status == KOOP_OK && extended ? extension_finish(rls) : status;
+	return status == KOOP_OK && extended ? extension_finish(rls, step) : status;
 }
 
 /* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. Only an extension has
@@ -306,7 +306,8 @@ static INLINE int change_model(KOOP(rls) *rls, int extended, real innovation, in
 
 	/* nothing can fail from here on */
 	if (step.update_theta) {
-		add_outer(rls->theta, step.weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
+		const real weight = extended ? 1 : step.weight; /* an extension has it in the gain by now */
+		add_outer(rls->theta, weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
 	}
 	rls->theta_bound = bound;
 	seal(rls);

@@ -19,7 +19,7 @@ from ..plumbing.results import console, number, output_folder, write_json
 from . import ablate, scenario
 
 HOLDS, DIFFERS, CONTRADICTED, OPEN = "holds", "differs", "contradicted", "cannot be reproduced"
-REGULATED = tuple(name for name in scenario.REGULATORS if name != "ef")
+REGULATED = tuple(dict.fromkeys(name for _, name in scenario.PAPER if name not in ("offline", "ef")))  # the paper's, whatever lib/ lists
 WITHIN, ACROSS = ("P->P", "Y->Y"), ("P->Y", "Y->P")
 SIMULATED = "synthetic"  # the source of the flights that everybody can make
 TRACKS = 0.06  # m, rad: a mean tracking error below is that of a run that keeps the path

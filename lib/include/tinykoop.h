@@ -141,7 +141,7 @@ typedef struct koop_checksum {
  *   vrf    + lambda varies with the innovation: variable-rate forgetting (Bruce, Goel and Bernstein, 2020)
  *   er     + P tends to p_inf I: exponential resetting (Lai and Bernstein, 2023)
  *   cr     + the same, one direction per sample: cyclic resetting (Lai and Bernstein, 2023)
- *   kulhavy + forgets along zeta only: directional forgetting (Kulhavy and Karny, 1984)
+ *   kulhavy  forgets along zeta only: directional forgetting (Kulhavy and Karny, 1984)
  *   bgf    lambda tends to 1 as the trace of P tends to k0: bounded-gain forgetting (Slotine and Li, 1991) */
 #define KOOP_REGULATORS(X)                                                                                   \
 	X(none) X(ef) X(dz_cs) X(dz_ks) X(ct) X(sift) X(reset) X(vrf) X(er) X(cr) X(kulhavy) X(bgf)

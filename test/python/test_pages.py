@@ -26,6 +26,7 @@ SETTINGS = {
     ("diagnose.md", "| option | meaning |"),
     ("diagnose.md", "| topic | schema | content |"),
     ("flapping-wing.md", "| parameter | value | source |"),
+    ("learning.md", "| regulator | source | what is bounded without excitation | settings | use it when |"),
     ("flapping-wing.md", "| effect | parameters | acts on |"),
     ("glossary.md", "| term | meaning |"),
     ("logs.md", "| robot | columns |"),

@@ -27,9 +27,11 @@ def test_the_lists_of_library_and_sources_agree():
     assert set(bridge.dead_zones()) >= {"dz_cs", "dz_ks"}
 
 
-def test_every_regulator_is_in_experiments_and_plots():
+def test_every_regulator_is_in_experiments_and_plots_in_a_style_of_its_own():
     for name in NAMES:
         assert scenario.LABELS[name] and plots.STYLES[name]["color"] and isinstance(plots.HATCHES[name], str)
+    styles = [(plots.STYLES[name]["color"], str(plots.STYLES[name]["ls"])) for name in NAMES]
+    assert len(set(styles)) == len(NAMES)
     assert {method.regulator for method in scenario.METHODS} == set(NAMES) - {"none"} | {"offline"}
     assert len(scenario.METHODS) == 11 + 2 * (len(NAMES) - 6)
 

@@ -227,7 +227,7 @@ def page(rows, prices):
     lost = {model: int(np.sum(_errors(rows, model) > LOST)) for model in ("without_supervisor", "supervised")}
     price = max(row["mean_error_supervised"] / row["mean_error_without_supervisor"] for row in prices)
     pairs = [
-        ("runs: starts, phases, paths, both dictionaries, six regulators, both precisions", len(rows)),
+        (f"runs: starts, phases, paths, both dictionaries, {len(REGULATORS)} regulators, both precisions", len(rows)),
         (f"lost without the supervisor (mean error above {LOST:g})", lost["without_supervisor"]),
         ("lost with the supervisor", lost["supervised"]),
         ("largest mean error with the supervisor (m, rad)", number(float(_errors(rows, "supervised").max()), 2)),

@@ -48,8 +48,17 @@ STYLES = _Styles({
     "dz_ks": dict(color="#4292c6", ls=(0, (3, 1))),
     "ct": dict(color="#e6a000", ls="-."),
     "sift": dict(color="#1b7837", ls=":"),
+    "reset": dict(color="#762a83", ls=(0, (1, 1, 4, 1))),
+    "vrf": dict(color="#8c510a", ls=(0, (2, 1, 4, 1))),
+    "er": dict(color="#c51b7d", ls=(0, (3, 1, 4, 1))),
+    "cr": dict(color="#35978f", ls=(0, (1, 1, 4, 1))),
+    "kulhavy": dict(color="#525252", ls=(0, (2, 1, 4, 1))),
+    "bgf": dict(color="#bf812d", ls=(0, (3, 1, 4, 1))),
 })  # fmt: skip
-HATCHES = _Hatches({"offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--"})
+HATCHES = _Hatches({
+    "offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--",
+    "reset": "x", "vrf": "o", "er": "+", "cr": "*", "kulhavy": "O", "bgf": "X",
+})  # fmt: skip
 
 
 @lru_cache

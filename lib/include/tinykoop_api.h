@@ -148,14 +148,15 @@ struct KOOP(config);
  *
  * A forgetting factor that changes with every sample is noise = lambda, scale = 1 / lambda. A negative noise
  * with noise + s < 0, and inflate = 0, adds to P along g, as directional forgetting does (Kulhavy and Karny,
- * 1984); `weight` then makes up for the other denominator of Theta. */
+ * 1984); Theta then takes |noise + s|, and `weight` makes up for what is another denominator of Theta. It takes an
+ * extension, which knows s. */
 typedef struct KOOP(step) {
 	KOOP_REAL noise;   /* lambda, or 1 if `inflate` does the forgetting; not 0 */
 	KOOP_REAL scale;   /* > 0: 1 / lambda for exponential forgetting, else 1 */
 	KOOP_REAL inflate; /* >= 0; SIFt: (1 - lambda) / (lambda zeta' P^-1 zeta); else 0 */
 	KOOP_REAL deflate; /* with needs_information: P^-1 loses deflate (P^-1 zeta)(P^-1 zeta)', and gains zeta zeta' */
 	KOOP_REAL trace;   /* the trace to which P is scaled at the end; 0: P is not scaled */
-	KOOP_REAL weight;  /* factor on the change of Theta; 1 without an extension. Negative only where noise + s is */
+	KOOP_REAL weight;  /* factor on the change of Theta, >= 0; 1 without an extension */
 	int update_theta;      /* 0: Theta stays as it is */
 	int update_covariance; /* 0: P stays as it is */
 } KOOP(step);
@@ -327,7 +328,7 @@ typedef struct KOOP(health) {
 	int positive_definite;  /* 0: P is not positive definite, or the sample was refused because P would not be */
 	int finite;             /* 0: the sample or the result was not finite, and the sample was refused */
 	int short_memory;       /* 1: 1 / (1 - lambda) samples are fewer than the d unknowns of a row of Theta */
-	int winding_up;         /* 1: the trace of P is more than 100 times its initial value (with ct: tau0) */
+	int winding_up;         /* 1: the trace of P is more than 100 times its initial value (ct: tau0, bgf: k0; er, cr: p_inf d) */
 } KOOP(health);
 
 /* The estimator. The caller owns it and its storage. Treat the fields as private unless you write a

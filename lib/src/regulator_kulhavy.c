@@ -29,7 +29,7 @@ static int adjust_kulhavy(KOOP(rls) *rls, real s, KOOP(step) *step) {
 	step->update_covariance &= s > 0 && MATH(fabs)(q) > REAL_EPSILON;
 	if (!step->update_covariance) { return KOOP_OK; }
 	step->noise = s / q;
-	step->weight = lambda * step->noise;
+	step->weight = lambda * MATH(fabs)(step->noise);
 	return KOOP_OK;
 }
 

@@ -245,7 +245,7 @@ static INLINE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, re
 
 /* What the extension does in the course of a sample. */
 static int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen);
-static int extension_finish(KOOP(rls) *rls, const KOOP(step) *step);
+static int extension_finish(KOOP(rls) *rls, KOOP(step) *step);
 
 /* Computes the gain K and the denominator, for the step as the regulator has it in the end. */
 static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, int *frozen,
@@ -256,18 +256,16 @@ static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, i
 }
 
 /* Changes P. */
-static INLINE int apply_step(KOOP(rls) *rls, int extended, const KOOP(step) *step, real denominator) {
+static INLINE int apply_step(KOOP(rls) *rls, int extended, KOOP(step) *step, real denominator) {
 	const int status = step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
 	return status == KOOP_OK && extended ? extension_finish(rls, step) : status;
 }
 
-/* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. Only an extension has
- * a weight that can be negative. */
-static INLINE int theta_stays_finite(const KOOP(rls) *rls, int extended, const KOOP(step) *step,
-                                     real innovation, real *bound) {
+/* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
+static INLINE int theta_stays_finite(const KOOP(rls) *rls, const KOOP(step) *step, real innovation,
+                                     real *bound) {
 	const real size = innovation * MATH(sqrt)(rls->gain_square);
-	const real weight = extended ? MATH(fabs)(step->weight) : step->weight;
-	const real growth = step->update_theta ? size * weight : 0;
+	const real growth = step->update_theta ? size * step->weight : 0;
 	*bound = rls->theta_bound + growth;
 	if (!(*bound < REAL_MAX / 2)) {
 		*bound = max_abs(rls->theta, rls->n_regressors * rls->n_lifted_padded) + growth;
@@ -300,14 +298,13 @@ static INLINE int change_model(KOOP(rls) *rls, int extended, real innovation, in
 
 	status = compute_gain(rls, extended, &step, frozen, &denominator);
 	if (status != KOOP_OK) { return status; }
-	if (!theta_stays_finite(rls, extended, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
+	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
 	status = apply_step(rls, extended, &step, denominator);
 	if (status != KOOP_OK) { return status; }
 
 	/* nothing can fail from here on */
 	if (step.update_theta) {
-		const real weight = extended ? 1 : step.weight; /* an extension has it in the gain by now */
-		add_outer(rls->theta, weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
+		add_outer(rls->theta, step.weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
 	}
 	rls->theta_bound = bound;
 	seal(rls);

@@ -310,7 +310,7 @@ static void expect(wide *theta, wide *P, const real *zeta, const real *psi_next,
 	for (size_t i = 0; i < N; i++) {
 		wide error = (wide)psi_next[i];
 		for (size_t j = 0; j < D; j++) { error -= theta[i * D + j] * (wide)zeta[j]; }
-		for (size_t j = 0; j < D; j++) { theta[i * D + j] += (wide)plan.weight * error * g[j] / (noise + s); }
+		for (size_t j = 0; j < D; j++) { theta[i * D + j] += (wide)plan.weight * error * g[j] / fabs(noise + s); }
 	}
 	add(P, -1 / (noise + s), g);
 	for (size_t i = 0; i < D * D; i++) { P[i] *= 1 / (wide)plan.lambda; }

@@ -109,13 +109,14 @@ def table(rows):
     """Lines of the table beside the paper's."""
     lines = []
     for method, row, narrow in scenario.by_precision(rows):
-        error, energy, fallback = PAPER.get((method.dictionary, method.regulator), (None, None, np.nan))
+        error, energy, fallback = PAPER.get((method.dictionary, method.regulator), (None, None, None))
+        published = number(None) if fallback is None else f"{100 * fallback:.2f}"
         lines.append(
             [
                 method.label,
                 f"{number(row['mean_error'])} ({number(error)})",
                 f"{number(row['control_energy'])} ({number(energy)})",
-                f"{100 * row['fallback_rate']:.2f} ({100 * fallback:.2f})",
+                f"{100 * row['fallback_rate']:.2f} ({published})",
                 f"{100 * row['at_bounds']['any']:.1f}",
                 number(narrow["mean_error"]),
                 number(row["kkt_residual_max"], 1),

@@ -65,7 +65,8 @@ static COLD int extension_reshape(KOOP(rls) *rls) {
 /* The weight goes into the gain: of a product of three, the two layouts of Theta's loops would round differently.
  * With a negative noise, the gain has the sign of noise + s. */
 static COLD int extension_finish(KOOP(rls) *rls, KOOP(step) *step) {
-	const int status = rls->config.regulator->extension->reshape ? extension_reshape(rls) : KOOP_OK;
+	int status = KOOP_OK;
+	if (rls->config.regulator->extension->reshape) { status = extension_reshape(rls); }
 	scaled(rls->gain, step->noise < 0 ? -step->weight : step->weight, rls->gain, rls->n_regressors_padded);
 	step->weight = 1;
 	return status;

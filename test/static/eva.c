@@ -59,10 +59,11 @@ static void new_sample(void) {
 static koopf_rls rls;
 
 static int start_learner(void) {
-	static float storage[KOOP_RLS_REALS_PLAIN(LIFTED, INPUTS)];
-	static float settings[2]; /* of any regulator */
+	static float storage[KOOP_RLS_REALS_PLAIN(LIFTED, INPUTS) + KOOP_EXTENSION_REALS_PLAIN(LIFTED, INPUTS)];
+	static float settings[3]; /* of any regulator */
 	settings[0] = any_float;
 	settings[1] = any_float;
+	settings[2] = any_float;
 	const koopf_config c = {&dictionary, INPUTS, &REGULATOR, settings, &FORM, any_float, any_float, CHECK, 0};
 	size_t reals = 0;
 	if (koopf_rls_reals(&c, &reals) != KOOP_OK) { return 0; }

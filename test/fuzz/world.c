@@ -235,20 +235,22 @@ static real take_from(world *w, const double *values, size_t count) {
 #define TAKE_FROM(...)                                                                                       \
 	take_from(w, (const double[]){__VA_ARGS__}, sizeof((const double[]){__VA_ARGS__}) / sizeof(double))
 
+/* The default, values near it and both ends; mostly what is accepted by itself. */
+static real take_setting(world *w, const KOOP(setting) *limits, double usual) {
+	const double low = (double)limits->low, high = (double)limits->high;
+	const real value = TAKE_FROM(usual, usual, usual, usual / 10, usual * 10, low, high, 1, 1e6, 1e-6);
+	const int any = w->arbitrary && take_below(&w->in, 4) == 3;
+	return any ? value : (real)fmin(fmax((double)value, low), high);
+}
+
 /* Settings of the regulator, which live until the next are taken after this estimator; or its defaults. */
 static const void *take_settings(world *w, const KOOP(regulator) *regulator) {
-	const real delta = TAKE_FROM(0.1, 0, 1e-6, 1e6);
-	const real tau0 = TAKE_FROM(0, 1, 1e6, 1e-6, (double)REAL_MIN, (double)REAL_MAX / 9);
-	const real eps = TAKE_FROM(1e-20, 1e-10, 1, (double)REAL_MIN);
 	const size_t count = regulator ? regulator->n_settings : 0;
-	if (count == 0) { return NULL; }
+	if (count == 0 || take_below(&w->in, 4) == 0) { return NULL; }
+	const real *usual = (const real *)regulator->defaults;
 	real *settings = allocate(count * sizeof *settings);
 	for (size_t i = 0; i < count; i++) {
-		const char *name = regulator->settings[i].name;
-		settings[i] = strcmp(name, "delta") == 0      ? delta
-		              : strcmp(name, "tau0") == 0     ? tau0
-		              : strcmp(name, "eps_sift") == 0 ? eps
-		                                              : take_real(&w->in);
+		settings[i] = take_setting(w, &regulator->settings[i], (double)usual[i]);
 	}
 	return settings;
 }

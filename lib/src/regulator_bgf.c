@@ -9,8 +9,11 @@
  * Guaranteed after every sample, whatever the excitation:
  *     trace P <= k0                  also without any excitation: there is no windup
  *     lambda <= lambda_k <= 1
- * With persistent excitation the trace is below k0, it forgets, and P has a lower bound too. If some direction is not
- * excited, the trace tends to k0, nothing is forgotten any more, and the gain in the other directions vanishes. */
+ *     |K| <= sqrt(k0 / lambda) / 2
+ * and with |zeta|^2 <= beta, as long as trace P <= T < k0, which persistent excitation sees to:
+ *     P >= I / max(1 / p0, beta / ((1 - lambda) (1 - T / k0)))
+ * If some direction is not excited, the trace tends to k0, nothing is forgotten any more, and the gain in the other
+ * directions vanishes. */
 
 static COLD int check_bgf(KOOP(rls) *rls) {
 	const KOOP(bounded_gain) *own = (const KOOP(bounded_gain) *)rls->config.settings;

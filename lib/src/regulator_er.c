@@ -10,7 +10,8 @@
  *
  * Guaranteed after every sample, whatever the excitation, with p = max(p0, p_inf) and |zeta|^2 <= beta:
  *     er   P <= p I;                   P >= I / max(1 / p0, 1 / p_inf + lambda beta / (1 - lambda))
- *     cr   P <= p lambda^(1 - d) I;    P >= I / max(1 / p0, ((1 - lambda^d) / p_inf + lambda beta) / (1 - lambda)) */
+ *     cr   P <= p lambda^(1 - d) I;    P >= I / max(1 / p0, ((1 - lambda^d) / p_inf + lambda beta) / (1 - lambda))
+ * and |K| <= sqrt(p) / 2, of cr sqrt(p lambda^(1 - d)) / 2. */
 
 /* A unit vector, and for cr the direction that is next. */
 static COLD size_t memory_er(const KOOP(rls) *rls) {

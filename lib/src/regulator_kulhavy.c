@@ -8,10 +8,10 @@
  *
  * Guaranteed, whatever the excitation:
  *     zeta' P zeta <= max(its old value, (1 - lambda) / lambda) for the zeta just learned
- *     zeta' K < 1
+ *     P <= its old value / lambda; |K| <= sqrt(p) / 2 where P <= p I before the sample, and zeta' K < 1
  *     P v stays for every v with v' P zeta = 0: what is not excited is not forgotten
  *     P stays where |zeta|^2 < min_square, and so without excitation: there is no windup
- * A bound of P that holds for all sequences of regressors is not claimed here; P <= lambda^-1 P at any sample. */
+ * A bound of P that holds for all sequences of regressors is not claimed here. */
 
 static int decide_kulhavy(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	const KOOP(direction) *own = (const KOOP(direction) *)rls->config.settings;

@@ -8,6 +8,7 @@
  *     P <= p0 I                               also without any excitation: there is no windup
  *     trace P >= min_trace p0 d               the gain does not vanish in all directions
  *     P >= I / (1 / p0 + period max|zeta|^2)  if period > 0: it vanishes in none
+ *     |K| <= sqrt(p0) / 2
  * A reset forgets all that P holds, in directions that are not excited too, so Theta follows noise for some samples
  * after it. With period = 0, a direction that is not excited keeps the trace up, and the gain along the others
  * vanishes as that of `none`. */

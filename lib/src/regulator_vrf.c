@@ -10,8 +10,10 @@
  *     config.lambda <= lambda_k <= 1
  *     P does not grow while the faster mean does not exceed the slower, also without excitation
  *     P of none <= P <= P of ef for the same regressors
- * P is bounded under persistent excitation, as with any factor from such an interval. Without it P is not bounded:
- * noise alone makes the two means differ, and P grows by 1 / lambda_k then. */
+ *     P <= lambda^(1 - q) / alpha I   if zeta zeta' of the last q samples add up to alpha I or more
+ *     |K| <= sqrt(p / lambda) / 2     where P <= p I before the sample
+ * Without such excitation P is not bounded: noise alone makes the two means differ, and P grows by 1 / lambda_k
+ * then. */
 
 enum { VRF_SAMPLES, VRF_FAST, VRF_SLOW, VRF_REALS };
 

@@ -17,11 +17,14 @@ static void excite(random_source *random, int excitation, int k, real *zeta) {
 	}
 }
 
-/* Eigenvalues of P, and how much |zeta|^2 has been at most, from the start on. */
+/* Round-off, relative to a bound that holds in exact arithmetic. */
+static const double slack = 1 + 1000 * (double)REAL_EPSILON;
+
+/* Eigenvalues of P, and how much its trace, |zeta|^2 and |K| have been at most, from the start on. */
 typedef struct {
 	double least, largest; /* of all samples */
 	double now_least, now_largest, trace;
-	double beta;
+	double most_trace, beta, gain;
 	int steps;
 } seen;
 
@@ -32,16 +35,29 @@ static void look(seen *s) {
 	s->trace = (double)trace_of(now.covariance, D);
 	s->least = fmin(s->least, s->now_least);
 	s->largest = fmax(s->largest, s->now_largest);
+	s->most_trace = fmax(s->most_trace, s->trace);
 }
 
-/* Learns one sample of noise, and looks. */
-static void step(random_source *random, int excitation, seen *s) {
-	real zeta[D], psi_next[N];
-	excite(random, excitation, s->steps++, zeta);
+/* Learns one sample of noise, and looks. With P <= p I, |K| = |P zeta| / (c + zeta' P zeta) <= sqrt(p / c) / 2. */
+static void learn_and_look(const real *zeta, random_source *random, seen *s) {
+	const int takes_lambda = strcmp(e.config.regulator->name, "vrf") == 0 || strcmp(e.config.regulator->name, "bgf") == 0;
+	const double before = s->steps > 0 ? s->now_largest : (double)e.config.p0;
+	const double most = sqrt(before / (takes_lambda ? (double)e.config.lambda : 1)) / 2;
+	real psi_next[N];
 	random_fill(random, psi_next, N, -1, 1);
-	s->beta = fmax(s->beta, pow((double)norm(zeta, D), 2));
 	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+	const double gain = (double)norm(e.rls.gain, D);
+	CHECK(gain <= most * slack, "%s: |K| %g of %g", estimator_name(&e), gain, most);
+	s->beta = fmax(s->beta, pow((double)norm(zeta, D), 2));
+	s->gain = fmax(s->gain, gain);
+	s->steps++;
 	look(s);
+}
+
+static void step(random_source *random, int excitation, seen *s) {
+	real zeta[D];
+	excite(random, excitation, s->steps, zeta);
+	learn_and_look(zeta, random, s);
 }
 
 static seen start(const KOOP(regulator) *regulator, const KOOP(form) *form, double lambda, const double *own) {
@@ -52,9 +68,6 @@ static seen start(const KOOP(regulator) *regulator, const KOOP(form) *form, doub
 	estimator_start(&e);
 	return nothing;
 }
-
-/* Round-off, relative to a bound that holds in exact arithmetic. */
-static const double slack = 1 + 1000 * (double)REAL_EPSILON;
 
 #define FOR_ALL_RUNS(f, excitation)                                                                          \
 	for (int f = 0; f < FORMS; f++)                                                                          \
@@ -74,6 +87,7 @@ static void test_reset_bounds_p_from_both_sides(void) {
 			CHECK(s.now_least >= 1 / (1 / p0 + 40 * s.beta) / slack, "%s: %g", estimator_name(&e), s.now_least);
 		}
 		CHECK(excitation != NONE || s.least >= p0 / slack, "nothing is learned without excitation: %g", s.least);
+		CHECK(s.gain <= sqrt(p0) / 2 * slack, "%s: |K| %g", estimator_name(&e), s.gain);
 	}
 }
 
@@ -124,6 +138,17 @@ static void test_reset_follows_a_change(void) {
 
 /* ---- Factors between lambda and 1: P lies between that of none and that of ef --------------- */
 
+/* b - a has no negative eigenvalue, but for round-off */
+static void check_ordered(const estimator *a, const estimator *b, int k) {
+	static learned low, high;
+	double least, largest, scale;
+	learned_take(&low, a), learned_take(&high, b);
+	scale = (double)trace_of(high.covariance, D);
+	for (int i = 0; i < D * D; i++) { low.covariance[i] = high.covariance[i] - low.covariance[i]; }
+	eigenvalue_range(low.covariance, D, &least, &largest);
+	CHECK(least >= -(slack - 1) * scale, "%s, sample %d: %g of %g", estimator_name(a), k, least, scale);
+}
+
 static void check_between_none_and_ef(const KOOP(regulator) *regulator, uint64_t seed) {
 	static estimator none, ef;
 	FOR_ALL_RUNS(f, excitation) {
@@ -136,14 +161,13 @@ static void check_between_none_and_ef(const KOOP(regulator) *regulator, uint64_t
 		estimator_start(&ef);
 		for (int k = 0; k < 300; k++) {
 			real zeta[D], psi_next[N];
-			KOOP(health) low, now, high;
 			excite(&random, excitation, k, zeta);
 			random_fill(&random, psi_next, N, -1, 1);
-			CHECK_STATUS(KOOP_OK, estimator_update(&none, zeta, psi_next, &low));
-			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &now));
-			CHECK_STATUS(KOOP_OK, estimator_update(&ef, zeta, psi_next, &high));
-			CHECK((double)now.trace >= (double)low.trace / slack && (double)now.trace <= (double)high.trace * slack,
-			      "%s, sample %d: %g", estimator_name(&e), k, (double)now.trace);
+			CHECK_STATUS(KOOP_OK, estimator_update(&none, zeta, psi_next, NULL));
+			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			CHECK_STATUS(KOOP_OK, estimator_update(&ef, zeta, psi_next, NULL));
+			check_ordered(&none, &e, k);
+			check_ordered(&e, &ef, k);
 		}
 	}
 }
@@ -171,6 +195,30 @@ static void test_vrf_forgets_only_when_the_innovation_grows(void) {
 			CHECK(growth >= 1 / slack && growth <= slack / 0.9, "%s, sample %d: %g", estimator_name(&e), k, growth);
 			CHECK(!larger || growth > 1.001, "%s, sample %d: %g", estimator_name(&e), k, growth);
 			CHECK(k >= 200 || growth <= slack, "%s, sample %d: %g", estimator_name(&e), k, growth);
+		}
+	}
+}
+
+/* While the last Q samples excite all directions, by alpha at least, P <= lambda^(1 - Q) / alpha I. */
+static void test_vrf_bounds_p_while_all_is_excited(void) {
+	enum { Q = 2 * D };
+	const double lambda = 0.9;
+	for (int f = 0; f < FORMS; f++) {
+		random_source random = random_seed(103);
+		real last[Q][D], gram[D * D];
+		seen s = start(&KOOP(reg_vrf), all_forms[f], lambda, NULL);
+		for (int k = 0; k < 500; k++) {
+			double alpha, most;
+			excite(&random, ALL, k, last[k % Q]);
+			learn_and_look(last[k % Q], &random, &s);
+			if (k + 1 < Q) { continue; }
+			memset(gram, 0, sizeof gram);
+			for (int i = 0; i < Q * D * D; i++) {
+				gram[i % (D * D)] += last[i / (D * D)][i / D % D] * last[i / (D * D)][i % D];
+			}
+			eigenvalue_range(gram, D, &alpha, &most);
+			CHECK(s.now_largest <= pow(lambda, 1 - Q) / alpha * slack, "%s, sample %d: %g, alpha %g", estimator_name(&e), k,
+			      s.now_largest, alpha);
 		}
 	}
 }
@@ -226,6 +274,7 @@ static void check_resetting(const KOOP(regulator) *regulator, double p_inf) {
 			                            : 1 / fmax(1 / p0, 1 / p_inf + lambda * s.beta / (1 - lambda));
 			CHECK(s.now_largest <= most * slack, "%s: %g of %g", estimator_name(&e), s.now_largest, most);
 			CHECK(s.now_least >= least / slack, "%s: %g of %g", estimator_name(&e), s.now_least, least);
+			CHECK(s.gain <= sqrt(most) / 2 * slack, "%s: |K| %g", estimator_name(&e), s.gain);
 		}
 	}
 }
@@ -326,13 +375,12 @@ static void test_kulhavy_forgets_along_the_regressor_only(void) {
 		random_source random = random_seed(100);
 		seen s = start(&KOOP(reg_kulhavy), all_forms[f], lambda, NULL);
 		for (int k = 0; k < STEPS; k++) {
-			real zeta[D], psi_next[N];
+			real zeta[D];
 			excite(&random, excitation, k, zeta);
-			random_fill(&random, psi_next, N, -1, 1);
-			const double before = quotient(zeta);
-			CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
+			const double before = quotient(zeta), trace = k > 0 ? s.trace : 10 * D;
+			learn_and_look(zeta, &random, &s);
 			const double after = quotient(zeta), expected = before / (lambda * (1 + before));
-			look(&s);
+			CHECK(s.trace <= trace / lambda * slack, "%s: trace %g after %g", estimator_name(&e), s.trace, trace);
 			CHECK(fabs(after - expected) <= expected * (slack - 1), "%s: %g of %g", estimator_name(&e), after, expected);
 			CHECK(after <= fmax(before, limit) * slack, "%s: %g", estimator_name(&e), after);
 		}
@@ -407,6 +455,9 @@ static void test_bgf_bounds_the_trace(void) {
 			const double logistic = 80 / (1 + (80 / 50.0 - 1) * pow(lambda, k)); /* from p0 d = 50 */
 			CHECK(excitation != NONE || fabs(s.trace / logistic - 1) < slack - 1, "%s: %g", estimator_name(&e), s.trace);
 		}
+		CHECK(s.gain <= sqrt(80 / lambda) / 2 * slack, "%s: |K| %g", estimator_name(&e), s.gain);
+		const double rate = (1 - lambda) * (1 - fmin(fmax(s.most_trace, 50) / 80, 1));
+		CHECK(s.least >= fmin(10, rate / s.beta) / slack, "%s: %g of %g", estimator_name(&e), s.least, rate / s.beta);
 		/* under persistent excitation P is as that of ef, far below the bound */
 		CHECK(excitation != ALL || (s.trace < 8 && s.now_least > 0.01), "%s: %g", estimator_name(&e), s.trace);
 		/* without it, the trace ends at the bound */
@@ -439,6 +490,7 @@ int main(void) {
 	RUN_TEST(test_reset_follows_a_change);
 	RUN_TEST(test_factors_stay_between_lambda_and_one);
 	RUN_TEST(test_vrf_forgets_only_when_the_innovation_grows);
+	RUN_TEST(test_vrf_bounds_p_while_all_is_excited);
 	RUN_TEST(test_vrf_needs_a_faster_and_a_slower_mean);
 	RUN_TEST(test_vrf_follows_a_change_and_averages_before_it);
 	RUN_TEST(test_resetting_bounds_p_from_both_sides);

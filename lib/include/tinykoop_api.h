@@ -163,7 +163,7 @@ typedef struct KOOP(step) {
 
 /* A setting of a regulator. All fields of the struct of its settings are reals, in the order of its list. */
 typedef struct KOOP(setting) {
-	const char *name;    /* that of the field */
+	char name[12];       /* that of the field, at most 11 characters; in place, so that only what is used is linked */
 	KOOP_REAL low, high; /* smallest and largest accepted value, finite */
 } KOOP(setting);
 

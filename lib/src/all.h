@@ -14,6 +14,11 @@
 #include "dictionary_fwmav.c"
 #include "dictionary_combined.c"
 
+/* koopf_name_ef and so on. Literals would share a section, of which a program links all. */
+#define NAME_OF(name) static const char KOOP(name_##name)[] = #name;
+KOOP_REGULATORS(NAME_OF)
+#undef NAME_OF
+
 #include "regulator_none.c"
 #include "regulator_ef.c"
 #include "regulator_dead_zone.c"

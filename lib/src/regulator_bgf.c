@@ -33,5 +33,5 @@ static int decide_bgf(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 static const KOOP(bounded_gain) KOOP(bgf_defaults) = {0};
 static const KOOP(setting) KOOP(bgf_settings)[1] = {{"k0", 0, REAL_MAX / 8}};
 
-const KOOP(regulator) KOOP(reg_bgf) = {"bgf", 0, decide_bgf, 1, KOOP(bgf_settings), 1, &KOOP(bgf_defaults), check_bgf,
+const KOOP(regulator) KOOP(reg_bgf) = {KOOP(name_bgf), 0, decide_bgf, 1, KOOP(bgf_settings), 1, &KOOP(bgf_defaults), check_bgf,
                                        NULL};

@@ -16,5 +16,5 @@ static int decide_ct(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 static const KOOP(constant_trace) KOOP(ct_defaults) = {0};
 static const KOOP(setting) KOOP(ct_settings)[1] = {{"tau0", 0, REAL_MAX / 8}};
 
-const KOOP(regulator) KOOP(reg_ct) = {"ct", 0, decide_ct, 1, KOOP(ct_settings), 1, &KOOP(ct_defaults),
+const KOOP(regulator) KOOP(reg_ct) = {KOOP(name_ct), 0, decide_ct, 1, KOOP(ct_settings), 1, &KOOP(ct_defaults),
                                          check_ct, NULL};

@@ -20,8 +20,8 @@ static int decide_dz_ks(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 static const KOOP(dead_zone) KOOP(dead_zone_defaults) = {(real)0.01};
 static const KOOP(setting) KOOP(dead_zone_settings)[1] = {{"delta", 0, REAL_MAX}};
 
-const KOOP(regulator) KOOP(reg_dz_cs) = {"dz_cs", 0, decide_dz_cs, 1, KOOP(dead_zone_settings), 1,
+const KOOP(regulator) KOOP(reg_dz_cs) = {KOOP(name_dz_cs), 0, decide_dz_cs, 1, KOOP(dead_zone_settings), 1,
                                          &KOOP(dead_zone_defaults), NULL, NULL};
 
-const KOOP(regulator) KOOP(reg_dz_ks) = {"dz_ks", 0, decide_dz_ks, 1, KOOP(dead_zone_settings), 1,
+const KOOP(regulator) KOOP(reg_dz_ks) = {KOOP(name_dz_ks), 0, decide_dz_ks, 1, KOOP(dead_zone_settings), 1,
                                          &KOOP(dead_zone_defaults), NULL, NULL};

@@ -7,4 +7,4 @@ static int decide_ef(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	return KOOP_OK;
 }
 
-const KOOP(regulator) KOOP(reg_ef) = {"ef", 0, decide_ef, 1, NULL, 0, NULL, NULL, NULL};
+const KOOP(regulator) KOOP(reg_ef) = {KOOP(name_ef), 0, decide_ef, 1, NULL, 0, NULL, NULL, NULL};

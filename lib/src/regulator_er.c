@@ -67,8 +67,8 @@ static const KOOP(setting) KOOP(er_settings)[1] = {{"p_inf", 0, REAL_MAX / 8}};
 static const KOOP(extension) KOOP(er_extension) = {&KOOP(reg_engine), memory_er, NULL, NULL, reshape_er};
 static const KOOP(extension) KOOP(cr_extension) = {&KOOP(reg_engine), memory_er, NULL, NULL, reshape_cr};
 
-const KOOP(regulator) KOOP(reg_er) = {"er", 0, decide_none, 1, KOOP(er_settings), 1, &KOOP(er_defaults), check_er,
+const KOOP(regulator) KOOP(reg_er) = {KOOP(name_er), 0, decide_none, 1, KOOP(er_settings), 1, &KOOP(er_defaults), check_er,
                                       &KOOP(er_extension)};
 
-const KOOP(regulator) KOOP(reg_cr) = {"cr", 0, decide_none, 1, KOOP(er_settings), 1, &KOOP(er_defaults), check_er,
+const KOOP(regulator) KOOP(reg_cr) = {KOOP(name_cr), 0, decide_none, 1, KOOP(er_settings), 1, &KOOP(er_defaults), check_er,
                                       &KOOP(cr_extension)};

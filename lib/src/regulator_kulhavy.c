@@ -37,5 +37,5 @@ static const KOOP(direction) KOOP(kulhavy_defaults) = {(real)1e-10};
 static const KOOP(setting) KOOP(kulhavy_settings)[1] = {{"min_square", 0, REAL_MAX}};
 static const KOOP(extension) KOOP(kulhavy_extension) = {&KOOP(reg_engine), NULL, NULL, adjust_kulhavy, NULL};
 
-const KOOP(regulator) KOOP(reg_kulhavy) = {"kulhavy", 0, decide_kulhavy, 0, KOOP(kulhavy_settings), 1,
+const KOOP(regulator) KOOP(reg_kulhavy) = {KOOP(name_kulhavy), 0, decide_kulhavy, 0, KOOP(kulhavy_settings), 1,
                                            &KOOP(kulhavy_defaults), NULL, &KOOP(kulhavy_extension)};

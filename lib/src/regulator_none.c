@@ -8,4 +8,4 @@ static int decide_none(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	return KOOP_OK;
 }
 
-const KOOP(regulator) KOOP(reg_none) = {"none", 0, decide_none, 0, NULL, 0, NULL, NULL, NULL};
+const KOOP(regulator) KOOP(reg_none) = {KOOP(name_none), 0, decide_none, 0, NULL, 0, NULL, NULL, NULL};

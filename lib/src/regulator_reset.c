@@ -46,5 +46,5 @@ static const KOOP(resetting) KOOP(reset_defaults) = {500, (real)0.01};
 static const KOOP(setting) KOOP(reset_settings)[2] = {{"period", 0, 16777216}, {"min_trace", 0, 1}};
 static const KOOP(extension) KOOP(reset_extension) = {&KOOP(reg_engine), memory_reset, NULL, NULL, reshape_reset};
 
-const KOOP(regulator) KOOP(reg_reset) = {"reset", 0, decide_none, 0, KOOP(reset_settings), 2, &KOOP(reset_defaults),
+const KOOP(regulator) KOOP(reg_reset) = {KOOP(name_reset), 0, decide_none, 0, KOOP(reset_settings), 2, &KOOP(reset_defaults),
                                          NULL, &KOOP(reset_extension)};

@@ -24,5 +24,5 @@ static int decide_sift(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 static const KOOP(information_floor) KOOP(sift_defaults) = {(real)1e-10};
 static const KOOP(setting) KOOP(sift_settings)[1] = {{"eps_sift", 0, REAL_MAX}};
 
-const KOOP(regulator) KOOP(reg_sift) = {"sift", 1, decide_sift, 0, KOOP(sift_settings), 1, &KOOP(sift_defaults),
+const KOOP(regulator) KOOP(reg_sift) = {KOOP(name_sift), 1, decide_sift, 0, KOOP(sift_settings), 1, &KOOP(sift_defaults),
                                            NULL, NULL};

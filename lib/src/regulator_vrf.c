@@ -52,5 +52,5 @@ static const KOOP(variable_rate) KOOP(vrf_defaults) = {10, 100, (real)0.1};
 static const KOOP(setting) KOOP(vrf_settings)[3] = {{"fast", 1, 16777216}, {"slow", 1, 16777216}, {"eta", 0, 1000}};
 static const KOOP(extension) KOOP(vrf_extension) = {&KOOP(reg_engine), memory_vrf, NULL, NULL, NULL};
 
-const KOOP(regulator) KOOP(reg_vrf) = {"vrf", 0, decide_vrf, 0, KOOP(vrf_settings), 3, &KOOP(vrf_defaults), check_vrf,
+const KOOP(regulator) KOOP(reg_vrf) = {KOOP(name_vrf), 0, decide_vrf, 0, KOOP(vrf_settings), 3, &KOOP(vrf_defaults), check_vrf,
                                        &KOOP(vrf_extension)};

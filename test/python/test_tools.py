@@ -66,8 +66,11 @@ def test_learn_plots(learned):
     assert plots == [
         "learn_adaptation.png",
         "learn_covariance.png",
+        "learn_covariance_others.png",
         "learn_error.png",
+        "learn_error_others.png",
         "learn_operator.png",
+        "learn_operator_others.png",
         "learn_paths.png",
         "learn_precision.png",
     ]

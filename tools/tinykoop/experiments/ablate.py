@@ -101,7 +101,9 @@ def run(out, dictionary=None):
     with replacing(out / "ablate.json", delta + ct + rollout):
         draw_threshold(out, delta, names)
         draw_trace(out, ct, names)
-        draw_rollout(out, rollout, names)
+        errors = {scenario.Method(row["dictionary"], row["regulator"]): list(row["rollout_error"].values()) for row in rollout}
+        for end, some in scenario.families(errors).items():
+            draw_rollout(out / f"ablate_rollout{end}.png", some, names)
     report(delta, rollout)
     return delta + ct + rollout
 
@@ -187,17 +189,16 @@ def draw_trace(out, rows, names):
     plots.save(figure, out / "ablate_constant_trace.png")
 
 
-def draw_rollout(out, rows, names):
-    """Error over the horizon, every method."""
+def draw_rollout(path, errors, names):
+    """Error over the horizon, {method: errors at the horizons}."""
     figure, axes = plots.subplots(1, len(names), figsize=(5 * len(names), 4), sharey=True)
-    finding = "Prediction error over the horizon: after 50 steps SIFt is best with both dictionaries"
-    figure.suptitle(scenario.finding(finding, names), x=0.01, ha="left")
-    for row in rows:
-        method = scenario.Method(row["dictionary"], row["regulator"])
+    best = [min((m for m in errors if m.dictionary == name), key=lambda m: errors[m][-1]) for name in names]
+    figure.suptitle(f"Prediction error over the horizon: after 50 steps the best are {scenario.labels(best)}", x=0.01, ha="left")
+    for method, values in errors.items():
         for name, ax in zip(names, axes):
             if name == method.dictionary:
                 ax.loglog(
-                    scenario.HORIZONS, row["rollout_error"].values(), marker="o", ms=3,
+                    scenario.HORIZONS, values, marker="o", ms=3,
                     label=scenario.LABELS[method.regulator], **plots.STYLES[method.regulator],
                 )  # fmt: skip
     for name, ax in zip(names, axes):
@@ -207,4 +208,4 @@ def draw_rollout(out, rows, names):
         ax.set_ylim(5e-4, 10)
     axes[0].set_ylabel("mean state error (m, rad)")
     plots.legend(figure)
-    plots.save(figure, out / "ablate_rollout.png")
+    plots.save(figure, path)

@@ -99,6 +99,29 @@ def finding(text, names):
     return text if len(names) == len(dictionaries.BUILT_IN) else f"Poly, RBF: {text}"
 
 
+def built_in(found):
+    """Of {method: ..}, the part with the built-in dictionaries, of which a finding speaks."""
+    return {method: one for method, one in found.items() if method.dictionary in dictionaries.BUILT_IN}
+
+
+def families(found):
+    """{end of a plot's name: its part of {method: ..}}: a plot of the paper's regulators, and one of the regulators of other papers."""
+    names = {regulator for _, regulator in PAPER}
+    paper = {method: one for method, one in found.items() if method.regulator in names}
+    others = {method: one for method, one in found.items() if method not in paper or method.regulator == "offline"}
+    return {"": paper, "_others": others}
+
+
+def labels(methods):
+    """Names of methods in the title of a plot."""
+    return ", ".join(method.label for method in methods) or "none"
+
+
+def wound_up(norms):
+    """Of {method: |P| over time}, the methods whose |P| ends more than 100 times as large as it begins."""
+    return [method for method, norm in norms.items() if not norm[-1] <= 100 * norm[0]]
+
+
 def commands(steps=STEPS):
     """Open-loop commands [v (m/s), omega (rad/s)], (steps, 2)."""
     k = np.arange(steps)

@@ -196,7 +196,9 @@ def run(out, data, update=False):
     with replacing(out / "transfer.json", rows):
         for name, (own, traces) in learned.items():
             draw_table(out, name, own)
-            draw_time(out, name, sources[name], traces)
+            shown = {m: traces[SHOWN_DIRECTION, m] for m in scenario.METHODS if m.dictionary == "rbf"}
+            for end, some in scenario.families(shown).items():
+                draw_time(out / f"transfer_{name}_time{end}.png", name, sources[name][SHOWN_DIRECTION[1]], some)
             draw_channels(out, name, sources[name], traces)
     for name, (own, _) in learned.items():
         report(name, own)
@@ -277,12 +279,13 @@ CHANNELS = (
     ("accel. z", "m/s$^2$"), ("pitch", "rad"), ("roll", "rad"), ("yaw", "rad"), ("yaw rate", "rad/s"),
 )  # fmt: skip
 SHOWN = scenario.Method("poly", "dz_cs")
+SHOWN_DIRECTION = ("P", "Y")
 
 
 def draw_table(out, name, rows):
     """Mean error of all methods in the four directions, relative to the offline model, ours and the paper's."""
-    figure, axes = plots.subplots(1, 4, figsize=(11, 4.2), sharey=True)
     methods = [m for m in scenario.METHODS if m.regulator != "offline"]
+    figure, axes = plots.subplots(1, 4, figsize=(11, 1.8 + 0.22 * len(methods)), sharey=True)
     offline = chosen(rows, scenario.Method("rbf", "offline"))
     worst = max(row["mean_error"] / base["mean_error"] for m in methods for row, base in zip(chosen(rows, m)[2:], offline[2:]))
     verdict = "every online method beats the offline model" if worst < 1 else "not every online method beats the offline model"
@@ -306,22 +309,17 @@ def draw_table(out, name, rows):
     plots.save(figure, out / f"transfer_{name}.png")
 
 
-def draw_time(out, name, flights, traces):
-    """Error and |P| over time of one cross-regime transfer."""
-    direction = ("P", "Y")
-    flight = flights[direction[1]]
+def draw_time(path, name, flight, traces):
+    """Error and |P| over time of RBF in one cross-regime transfer."""
     t = np.arange(len(flight.usable)) * flight.dt
     figure, (top, bottom) = plots.subplots(2, 1, figsize=(10, 6), sharex=True)
-    largest = {m: np.nanmax(traces[direction, m]["norm_p"]) for m in scenario.METHODS if m.regulator not in ("offline", "ef")}
+    largest = {m: np.nanmax(trace["norm_p"]) for m, trace in traces.items() if m.regulator not in ("offline", "ef")}
     figure.suptitle(
         f"{name}: a model of pitch manoeuvres meets yaw manoeuvres; regulated |P| stays below {max(largest.values()):.1g}",
         x=0.01,
         ha="left",
     )
-    for method in scenario.METHODS:
-        if method.dictionary != "rbf":
-            continue
-        trace = traces[direction, method]
+    for method, trace in traces.items():
         error = np.where(flight.usable, trace["error"], np.nan)
         top.semilogy(t, plots.smooth(error, 100), lw=1.2, label=method.label, **plots.STYLES[method.regulator])
         if method.regulator != "offline":
@@ -332,7 +330,7 @@ def draw_time(out, name, flights, traces):
     top.legend(ncols=3)
     _mark(top, flight)
     _mark(bottom, flight)
-    plots.save(figure, out / f"transfer_{name}_time.png")
+    plots.save(figure, path)
 
 
 def _mark(ax, flight):

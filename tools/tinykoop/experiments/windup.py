@@ -11,7 +11,7 @@ Four questions, one plot each:
 
 import numpy as np
 
-from .. import bridge
+from .. import bridge, dictionaries
 from ..plumbing import pages, plots
 from ..plumbing.results import number, output_folder, print_table, progress, replacing, write_json
 from . import scenario
@@ -133,7 +133,9 @@ def run(out, update=False, dictionary=None):
     soaks = soak()
     with replacing(out / "windup.json", rows):
         write_json(out / "windup_soak.json", soaks)
-        draw_lanes(out, rows, names)
+        paper = [name for name in REGULATORS if name in {"none"} | {name for _, name in scenario.PAPER}]
+        for end, some in {"": paper, "_others": [name for name in REGULATORS if name not in paper]}.items():
+            draw_lanes(out / f"windup_lanes{end}.png", rows, some, names)
         draw_growth(out, curves)
         draw_soak(out, soaks)
         draw_ellipsoids(out, ellipsoids())
@@ -232,21 +234,24 @@ def overflow(dtype, root=1):
 # ---- plots -----------------------------------------------------------------------------------
 
 
-def draw_lanes(out, rows, names):
+def draw_lanes(path, rows, regulators, names):
     """One lane for each run: how long it stayed sound."""
     figure, axes = plots.subplots(1, len(names), figsize=(5.5 * len(names), 7), sharey=True)
+    lost = [r for r in rows if r["dictionary"] in dictionaries.BUILT_IN and r["lost_positive_definite_at"] is not None]
+    counts = {form: len({r["regulator"] for r in lost if r["form"] == form}.intersection(regulators)) for form in FORMS}
     finding = (
-        "The covariance P loses positive definiteness in the textbook form with every regulator; in the square-root form (sqrt) with none"
+        f"The covariance P loses positive definiteness in the textbook form with {counts['textbook']} of {len(regulators)} regulators, "
+        f"in the square-root form (sqrt) with {counts['sqrt']}"
     )
     figure.suptitle(scenario.finding(finding, names), x=0.01, ha="left")
-    lanes = [(regulator, form, precision) for regulator in REGULATORS for precision in (32, 64) for form in FORMS]
+    lanes = [(regulator, form, precision) for regulator in regulators for precision in (32, 64) for form in FORMS]
     for ax, dictionary in zip(axes, names):
         for i, (regulator, form, precision) in enumerate(lanes):
             row = next(
                 r for r in rows
                 if (r["dictionary"], r["regulator"], r["form"], r["precision"]) == (dictionary, regulator, form, f"f{precision}")
             )  # fmt: skip
-            y = i + REGULATORS.index(regulator)  # a gap after each regulator
+            y = i + regulators.index(regulator)  # a gap after each regulator
             end = row["steps"]
             left, lost, non_finite = (row[k] for k in ("left_float64_at", "lost_positive_definite_at", "non_finite_at"))
             ax.barh(y, end, color="0.9", height=0.8)
@@ -260,9 +265,9 @@ def draw_lanes(out, rows, names):
         ax.set_xlabel("step, 50 ms each")
         ax.set_xlim(0, 5000)
         ax.grid(axis="y", visible=False)
-    places = [i + REGULATORS.index(lane[0]) for i, lane in enumerate(lanes)]
+    places = [i + regulators.index(lane[0]) for i, lane in enumerate(lanes)]
     axes[0].set_yticks(places, [f"{form} f{precision}" for _, form, precision in lanes], fontsize=7)
-    for g, regulator in enumerate(REGULATORS):
+    for g, regulator in enumerate(regulators):
         axes[-1].annotate(scenario.LABELS[regulator], (1.02, 7 * g + 2.5), xycoords=("axes fraction", "data"), va="center", fontsize=9)
     axes[0].invert_yaxis()
     patch = plots.patches().Patch
@@ -273,7 +278,7 @@ def draw_lanes(out, rows, names):
         patch(facecolor="k", label="updates refused: P would overflow"),
     ]
     figure.legend(handles=keys, loc="outside lower center", ncols=4)
-    plots.save(figure, out / "windup_lanes.png")
+    plots.save(figure, path)
 
 
 def draw_growth(out, curves):

@@ -218,7 +218,7 @@ def draw(path, rows, errors, log, scored):
     pairs = [(v[VARIANTS[0]], v[VARIANTS[1]]) for _, v in table if VARIANTS[0] in v]
     diverged = sum(not plain["mean_error"] <= DIVERGED * reference["mean_error"] for reference, plain in pairs)
     best = min((reference for reference, _ in pairs), key=lambda r: r["mean_error"])
-    figure, (left, right) = plots.subplots(1, 2, figsize=(11, 4.4), width_ratios=[3, 2])
+    figure, (left, right) = plots.subplots(1, 2, figsize=(11, 1.8 + 0.22 * len(table)), width_ratios=[3, 2])
     figure.suptitle(
         f"{rows[0]['source']}: {best['method']} predicts best; plain float32 diverges in {diverged} of {len(pairs)} methods",
         x=0.01, ha="left",

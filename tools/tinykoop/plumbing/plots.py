@@ -48,12 +48,12 @@ STYLES = _Styles({
     "dz_ks": dict(color="#4292c6", ls=(0, (3, 1))),
     "ct": dict(color="#e6a000", ls="-."),
     "sift": dict(color="#1b7837", ls=":"),
-    "reset": dict(color="#762a83", ls=(0, (1, 1, 4, 1))),
-    "vrf": dict(color="#8c510a", ls=(0, (2, 1, 4, 1))),
-    "er": dict(color="#c51b7d", ls=(0, (3, 1, 4, 1))),
-    "cr": dict(color="#35978f", ls=(0, (1, 1, 4, 1))),
-    "kulhavy": dict(color="#525252", ls=(0, (2, 1, 4, 1))),
-    "bgf": dict(color="#bf812d", ls=(0, (3, 1, 4, 1))),
+    "reset": dict(color="#40004b", ls="-"),
+    "vrf": dict(color="#8c510a", ls="--"),
+    "er": dict(color="#c51b7d", ls=(0, (5, 1, 1, 1))),
+    "cr": dict(color="#35978f", ls=(0, (3, 1))),
+    "kulhavy": dict(color="#525252", ls=":"),
+    "bgf": dict(color="#d8a23a", ls="-."),
 })  # fmt: skip
 HATCHES = _Hatches({
     "offline": "", "none": "", "ef": "xx", "dz_cs": "//", "dz_ks": "\\\\", "ct": "..", "sift": "--",
@@ -81,7 +81,7 @@ def subplots(*arguments, **options):
 def legend(figure):
     """Below all panels, where no data is: each label once."""
     named = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels())}
-    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 6))
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=min(len(named), 7))
 
 
 def patches():

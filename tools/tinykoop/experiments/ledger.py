@@ -20,6 +20,7 @@ from . import ablate, scenario
 
 HOLDS, DIFFERS, CONTRADICTED, OPEN = "holds", "differs", "contradicted", "cannot be reproduced"
 REGULATED = tuple(dict.fromkeys(name for _, name in scenario.PAPER if name not in ("offline", "ef")))  # the paper's, whatever lib/ lists
+METHODS = ("offline", "none", "ef", *REGULATED)
 WITHIN, ACROSS = ("P->P", "Y->Y"), ("P->Y", "Y->P")
 SIMULATED = "synthetic"  # the source of the flights that everybody can make
 TRACKS = 0.06  # m, rad: a mean tracking error below is that of a run that keeps the path
@@ -27,8 +28,13 @@ LOST = 1.0  # m, rad: and above, that of one that has lost it
 HEADERS = ["claim of the paper", "command", "ours", "verdict"]
 
 
+def of_the_paper(row):
+    """Whether a row is of the paper's dictionaries and regulators; some rows name neither."""
+    return row.get("dictionary", "rbf") in BUILT_IN and row.get("regulator", "none") in METHODS
+
+
 class Results:
-    """Rows of the experiments, in float64, with the paper's dictionaries, as the commands have written them."""
+    """Rows of the experiments with the paper's dictionaries and regulators, in float64, as the commands have written them."""
 
     def __init__(self, out):
         self.out = Path(out)
@@ -39,7 +45,7 @@ class Results:
             rows = json.loads(path.read_text())
         except (OSError, ValueError) as error:
             raise UserError(f"{path}: cannot be read; run `make {name}` first") from error
-        rows = [row for row in rows if row.get("precision", "f64") == "f64" and row.get("dictionary", "rbf") in BUILT_IN]
+        rows = [row for row in rows if row.get("precision", "f64") == "f64" and of_the_paper(row)]
         return [row for row in rows if all(row.get(key) == value for key, value in keys.items())]
 
     def errors(self, name, dictionary, **keys):

@@ -305,7 +305,7 @@ def draw_table(out, name, rows):
         ax.grid(axis="y", visible=False)
     axes[0].set_yticks(range(len(methods)), [m.label for m in methods])
     axes[0].invert_yaxis()
-    axes[0].legend(loc="upper left", bbox_to_anchor=(0, -0.16))
+    axes[0].legend(loc="upper left", bbox_to_anchor=(0, -0.09))
     plots.save(figure, out / f"transfer_{name}.png")
 
 

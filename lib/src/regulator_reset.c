@@ -15,7 +15,7 @@
 
 enum { RESET_SAMPLES, RESET_REALS };
 
-static COLD size_t memory_reset(const KOOP(rls) *rls) {
+static COLD size_t memory_resetting(const KOOP(rls) *rls) {
 	(void)rls;
 	return RESET_REALS;
 }
@@ -33,7 +33,7 @@ static int reset_is_due(KOOP(rls) *rls) {
 	return late || trace_of_covariance(rls) < own->min_trace * rls->nominal_trace;
 }
 
-static int reshape_reset(KOOP(rls) *rls) {
+static int reshape_resetting(KOOP(rls) *rls) {
 	rls->memory[RESET_SAMPLES] += 1;
 	if (!reset_is_due(rls)) { return KOOP_OK; }
 	rls->config.form->reset(rls, rls->config.p0);
@@ -44,7 +44,7 @@ static int reshape_reset(KOOP(rls) *rls) {
 
 static const KOOP(resetting) KOOP(reset_defaults) = {500, (real)0.01};
 static const KOOP(setting) KOOP(reset_settings)[2] = {{"period", 0, 16777216}, {"min_trace", 0, 1}};
-static const KOOP(extension) KOOP(reset_extension) = {&KOOP(reg_engine), memory_reset, NULL, NULL, reshape_reset};
+static const KOOP(extension) KOOP(reset_extension) = {&KOOP(reg_engine), memory_resetting, NULL, NULL, reshape_resetting};
 
 const KOOP(regulator) KOOP(reg_reset) = {KOOP(name_reset), 0, decide_none, 0, KOOP(reset_settings), 2, &KOOP(reset_defaults),
                                          NULL, &KOOP(reset_extension)};

@@ -53,28 +53,42 @@ static COLD int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *fr
 	return status;
 }
 
+/* What a sample leaves to be done once P has changed by its step. */
+typedef struct KOOP(rest) {
+	real bound; /* of the new Theta's elements */
+	int theta;  /* Theta changes */
+	int any;    /* the step changes something */
+} KOOP(rest);
+
+/* The weight goes into the gain: of a product of three, the two layouts of Theta's loops would round differently.
+ * With a negative noise, the gain has the sign of noise + s. Out of line: the frame is gone when P is reshaped, which
+ * takes the deepest stack. */
+static OUT_OF_LINE COLD int extension_step(KOOP(rls) *rls, real innovation, int *frozen, KOOP(rest) *rest) {
+	KOOP(step) step;
+	extension_keep(rls);
+	const int status = change_p(rls, 1, innovation, &step, frozen, &rest->bound);
+	rest->theta = step.update_theta;
+	rest->any = changes_model(&step);
+	if (status != KOOP_OK || !rest->any) { return status; }
+	scaled(rls->gain, step.noise < 0 ? -step.weight : step.weight, rls->gain, rls->n_regressors_padded);
+	return KOOP_OK;
+}
+
 /* Theta's change, which comes later, still needs the gain, and the gate needs zeta; they are neighbours. */
 static COLD int extension_reshape(KOOP(rls) *rls) {
 	real *vectors = undo_of(rls) + rls->n_undo;
+	if (!rls->config.regulator->extension->reshape) { return KOOP_OK; }
 	copy(vectors, rls->zeta, 2 * rls->n_regressors_padded);
 	const int status = rls->config.regulator->extension->reshape(rls);
 	copy(rls->zeta, vectors, 2 * rls->n_regressors_padded);
 	return status;
 }
 
-/* The weight goes into the gain: of a product of three, the two layouts of Theta's loops would round differently.
- * With a negative noise, the gain has the sign of noise + s. */
-static COLD int extension_finish(KOOP(rls) *rls, KOOP(step) *step) {
-	int status = KOOP_OK;
-	if (rls->config.regulator->extension->reshape) { status = extension_reshape(rls); }
-	scaled(rls->gain, step->noise < 0 ? -step->weight : step->weight, rls->gain, rls->n_regressors_padded);
-	step->weight = 1;
-	return status;
-}
-
 static COLD int extension_attend(KOOP(rls) *rls, real innovation, int *frozen) {
-	extension_keep(rls);
-	const int status = change_model(rls, 1, innovation, frozen);
+	KOOP(rest) rest;
+	int status = extension_step(rls, innovation, frozen, &rest);
+	if (status == KOOP_OK && rest.any) { status = extension_reshape(rls); }
+	if (status == KOOP_OK && rest.any) { change_theta(rls, rest.theta, 1, rest.bound); }
 	if (status != KOOP_OK) { extension_undo(rls); }
 	seal(rls); /* the memory can change where the model does not */
 	return status;
@@ -84,8 +98,8 @@ const KOOP(engine) KOOP(reg_engine) = {extension_size, extension_restart, extens
 
 /* ---- Further changes of P --------------------------------------------------------- */
 
-/* Changes P by K in rls->gain, as one step does. */
-static COLD int change_covariance(KOOP(rls) *rls, real noise, real scale, real denominator, real inverse) {
+/* Changes P by K in rls->gain, as one step does. In line: a frame less where the stack is deepest. */
+static INLINE int change_covariance(KOOP(rls) *rls, real noise, real scale, real denominator, real inverse) {
 	const KOOP(step) step = {noise, scale, 0, 0, 0, 0, 0, 1};
 	if (!(MATH(fabs)(denominator) < REAL_MAX / 4)) { return KOOP_E_OVERFLOW; }
 	rls->gain_square = scaled_dot(rls->gain, inverse, rls->gain, rls->n_regressors_padded);

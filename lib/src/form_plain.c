@@ -91,9 +91,9 @@ static KERNEL void changed_tile(const KOOP(change) *c, real *restrict tile, cons
 	}
 }
 
-/* Returns 1 if the changed P is positive definite even with its diagonal reduced by the relative amount
- * d epsilon. A smaller margin cannot be distinguished from the round-off of P and of the factorisation. */
-static int stays_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
+/* Writes the changed M, with its diagonal reduced by the relative amount d epsilon, to where it is factored.
+ * Out of line, as carlson() is. */
+static OUT_OF_LINE HOT void write_lowered(const KOOP(rls) *rls, const KOOP(change) *c) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
 	const real lowered = (real)d * REAL_EPSILON;
 	real *tile = plain_factor(rls);
@@ -102,7 +102,13 @@ static int stays_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
 		real *last = tile - 16; /* the tile on the diagonal */
 		for (size_t k = 0; k < 4; k++) { last[5 * k] -= lowered * last[5 * k]; }
 	}
-	return factor_triangle(plain_factor(rls), d);
+}
+
+/* Returns 1 if the changed P is positive definite even when lowered. A smaller margin cannot be distinguished from the
+ * round-off of P and of the factorisation. */
+static int stays_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
+	write_lowered(rls, c);
+	return factor_triangle(plain_factor(rls), rls->n_regressors);
 }
 
 /* The new scale of P and the new bound of M's elements, or the status that refuses them. */

@@ -69,9 +69,10 @@ static INLINE void carlson_four(real *column, real *b, real c, real e, real f) {
 	add_four(b, f, old);
 }
 
-/* S S' = (S S' - g g' / (noise + s)) root_scale^2, from f = S' zeta; b is scratch */
-static KERNEL void carlson(real *restrict S, const real *restrict f, real *restrict b, real noise,
-                           real root_scale, size_t d) {
+/* S S' = (S S' - g g' / (noise + s)) root_scale^2, from f = S' zeta; b is scratch. Out of line: its many registers
+ * would be saved below what else sqrt_apply() calls. */
+static OUT_OF_LINE HOT void carlson(real *restrict S, const real *restrict f, real *restrict b, real noise,
+                                    real root_scale, size_t d) {
 	for (size_t j = 0; j < d; j += 2) {
 		real *column = S + TRIANGLE_AT(j, 0);
 		const real f0 = f[j], f1 = f[j + 1];

@@ -243,9 +243,8 @@ static INLINE int finish_gain(KOOP(rls) *rls, const KOOP(step) *step, real s, re
 	return KOOP_OK;
 }
 
-/* What the extension does in the course of a sample. */
+/* What the extension does once s is known. */
 static int extension_tune(KOOP(rls) *rls, real s, KOOP(step) *step, int *frozen);
-static int extension_finish(KOOP(rls) *rls, KOOP(step) *step);
 
 /* Computes the gain K and the denominator, for the step as the regulator has it in the end. */
 static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, int *frozen,
@@ -253,12 +252,6 @@ static INLINE int compute_gain(KOOP(rls) *rls, int extended, KOOP(step) *step, i
 	const real s = rls->config.form->gain(rls);
 	const int status = extended ? extension_tune(rls, s, step, frozen) : KOOP_OK;
 	return status == KOOP_OK ? finish_gain(rls, step, s, denominator) : status;
-}
-
-/* Changes P. */
-static INLINE int apply_step(KOOP(rls) *rls, int extended, KOOP(step) *step, real denominator) {
-	const int status = step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
-	return status == KOOP_OK && extended ? extension_finish(rls, step) : status;
 }
 
 /* Returns 1 if Theta + weight error K' is finite, and writes the new bound of its elements. */
@@ -284,35 +277,46 @@ static GLUE int innovate(KOOP(rls) *rls, const real *psi, const real *u, const r
 	return finite ? KOOP_E_OVERFLOW : KOOP_E_INPUT;
 }
 
-/* Updates Theta and P by the innovation. *frozen: 1 if P stays unchanged. In line, with a constant `extended`: a
- * program whose regulator has no extension links nothing of it. */
-static INLINE int change_model(KOOP(rls) *rls, int extended, real innovation, int *frozen) {
+static INLINE int changes_model(const KOOP(step) *step) {
+	return step->update_theta || step->update_covariance;
+}
+
+/* Works out a step and changes P by it; *bound becomes the bound of the new Theta's elements. *frozen: 1 if P stays
+ * unchanged. In line, with a constant `extended`: a program whose regulator has no extension links nothing of it. */
+static INLINE int change_p(KOOP(rls) *rls, int extended, real innovation, KOOP(step) *step, int *frozen, real *bound) {
 	const real lambda = rls->config.lambda;
-	KOOP(step) step = {lambda, 1 / lambda, 0, 0, 0, 1, 1, 1};
-	real denominator, bound;
+	const KOOP(step) usual = {lambda, 1 / lambda, 0, 0, 0, 1, 1, 1};
+	real denominator;
+	*step = usual;
+	*bound = rls->theta_bound;
 
-	int status = rls->config.regulator->decide(rls, innovation, &step);
+	int status = rls->config.regulator->decide(rls, innovation, step);
 	if (status != KOOP_OK) { return status; }
-	*frozen = !step.update_covariance;
-	if (!step.update_theta && !step.update_covariance) { return KOOP_OK; }
+	*frozen = !step->update_covariance;
+	if (!changes_model(step)) { return KOOP_OK; }
 
-	status = compute_gain(rls, extended, &step, frozen, &denominator);
+	status = compute_gain(rls, extended, step, frozen, &denominator);
 	if (status != KOOP_OK) { return status; }
-	if (!theta_stays_finite(rls, &step, innovation, &bound)) { return KOOP_E_OVERFLOW; }
-	status = apply_step(rls, extended, &step, denominator);
-	if (status != KOOP_OK) { return status; }
+	if (!theta_stays_finite(rls, step, innovation, bound)) { return KOOP_E_OVERFLOW; }
+	return step->update_covariance ? rls->config.form->apply(rls, step, denominator) : KOOP_OK;
+}
 
-	/* nothing can fail from here on */
-	if (step.update_theta) {
-		add_outer(rls->theta, step.weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
+/* Changes Theta, which cannot fail after change_p(). */
+static INLINE void change_theta(KOOP(rls) *rls, int update, real weight, real bound) {
+	if (update) {
+		add_outer(rls->theta, weight, rls->gain, rls->error, rls->n_regressors, rls->n_lifted_padded);
 	}
 	rls->theta_bound = bound;
 	seal(rls);
-	return KOOP_OK;
 }
 
 static GLUE int learn_plainly(KOOP(rls) *rls, real innovation, int *frozen) {
-	return change_model(rls, 0, innovation, frozen);
+	KOOP(step) step;
+	real bound;
+	const int status = change_p(rls, 0, innovation, &step, frozen, &bound);
+	if (status != KOOP_OK || !changes_model(&step)) { return status; }
+	change_theta(rls, step.update_theta, step.weight, bound);
+	return KOOP_OK;
 }
 
 /* In line: a frame less on the stack of its callers. */

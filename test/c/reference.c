@@ -48,32 +48,47 @@ static void add_outer(wide *M, wide a, const wide *x, size_t d) {
 
 /* ---- Regulators of other papers ------------------------------------------------------
  *
- * The library changes P by rank-one terms. Here R = P^-1 is what is kept, and Theta += error (P zeta)' with the P
- * that has learned from the sample, as most of these papers have it. */
+ * The papers state R = P^-1. P is not computed by inverting R: where no type is wider than double, the inverse would
+ * have larger errors than the library. It follows from the matrix inversion lemma, and a test multiplies the two. */
 
 static void set_identity(wide *M, wide value, size_t d) {
 	for (size_t i = 0; i < d * d; i++) { M[i] = i % (d + 1) == 0 ? value : 0; }
 }
 
-/* P = R^-1, symmetric bit for bit */
-static void invert_information(reference *r) {
-	static wide copied[MAX_D * MAX_D];
-	memcpy(copied, r->R, r->d * r->d * sizeof(wide));
-	set_identity(r->P, 1, r->d);
-	solve_positive_definite(copied, r->d, r->P, r->d);
-	for (size_t i = 0; i < r->d; i++) {
-		for (size_t j = 0; j < i; j++) { r->P[i * r->d + j] = r->P[j * r->d + i]; }
+/* R = lambda R + weight x x' */
+static void add_information(reference *r, wide lambda, wide weight, const wide *x) {
+	wide Px[MAX_D];
+	const wide s = times(r->P, x, r->d, Px);
+	add_outer(r->P, -weight / (lambda + weight * s), Px, r->d);
+	for (size_t i = 0; i < r->d * r->d; i++) {
+		r->P[i] /= lambda;
+		r->R[i] *= lambda;
 	}
+	add_outer(r->R, weight, x, r->d);
 }
 
-/* R = lambda R + zeta zeta', and Theta by its inverse */
-static void learn_by_information(reference *r, wide lambda, const wide *zeta, const wide *error) {
+/* R = lambda R + weight I, so P = (lambda I + weight P)^-1 P, where the two factors commute */
+static void add_identity(reference *r, wide lambda, wide weight) {
+	static wide factor[MAX_D * MAX_D];
+	const size_t d = r->d;
+	for (size_t i = 0; i < d * d; i++) {
+		factor[i] = weight * r->P[i] + (i % (d + 1) == 0 ? lambda : 0);
+		r->R[i] = lambda * r->R[i] + (i % (d + 1) == 0 ? weight : 0);
+	}
+	solve_positive_definite(factor, d, r->P, d);
+	for (size_t i = 0; i < d * d; i++) { r->P[i] = r->P[i / d < i % d ? i % d * d + i / d : i]; }
+}
+
+/* Theta += error (P zeta)' with the P of R = lambda R + zeta zeta' */
+static void learn_theta(reference *r, wide lambda, const wide *zeta, const wide *error) {
 	wide gain[MAX_D];
-	for (size_t i = 0; i < r->d * r->d; i++) { r->R[i] *= lambda; }
-	add_outer(r->R, 1, zeta, r->d);
-	invert_information(r);
-	times(r->P, zeta, r->d, gain);
-	for (size_t i = 0; i < r->N * r->d; i++) { r->theta[i] += error[i / r->d] * gain[i % r->d]; }
+	const wide s = times(r->P, zeta, r->d, gain);
+	for (size_t i = 0; i < r->N * r->d; i++) { r->theta[i] += error[i / r->d] * gain[i % r->d] / (lambda + s); }
+}
+
+static void learn(reference *r, wide lambda, const wide *zeta, const wide *error) {
+	learn_theta(r, lambda, zeta, error);
+	add_information(r, lambda, 1, zeta);
 }
 
 static wide trace_of_wide(const wide *M, size_t d) {
@@ -84,7 +99,7 @@ static wide trace_of_wide(const wide *M, size_t d) {
 
 /* own: period, min_trace; memory: samples since the last reset */
 static void update_reset(reference *r, const wide *zeta, const wide *error) {
-	learn_by_information(r, 1, zeta, error);
+	learn(r, 1, zeta, error);
 	r->memory[0] += 1;
 	const int late = r->own[0] > 0 && r->memory[0] > r->own[0] - (wide)0.5;
 	if (!late && trace_of_wide(r->P, r->d) >= r->own[1] * r->p0 * (wide)r->d) { return; }
@@ -103,39 +118,41 @@ static void update_vrf(reference *r, const wide *zeta, const wide *error) {
 		r->memory[1 + i] = (1 - weight) * r->memory[1 + i] + weight * square;
 	}
 	const wide ratio = r->memory[2] > 0 ? sqrt(r->memory[1] / r->memory[2]) : 1;
-	learn_by_information(r, fmax(r->lambda, 1 / (1 + r->own[2] * fmax(0, ratio - 1))), zeta, error);
+	learn(r, fmax(r->lambda, 1 / (1 + r->own[2] * fmax(0, ratio - 1))), zeta, error);
 }
 
-/* own: p_inf; memory: the direction that is next. R is that before the sample, so it forgets for the next one. */
-static void update_resetting(reference *r, int cyclic, const wide *zeta, const wide *error) {
+/* own: p_inf. R is that before the sample, so it forgets for the next one. */
+static void update_er(reference *r, const wide *zeta, const wide *error) {
 	const wide p_inf = r->own[0] > 0 ? r->own[0] : r->p0;
-	learn_by_information(r, 1, zeta, error);
-	for (size_t i = 0; i < r->d * r->d; i++) { r->R[i] *= r->lambda; }
-	for (size_t i = 0; i < r->d; i++) {
-		const int next = !cyclic || fabs(r->memory[0] - (wide)i) < (wide)0.5;
-		const wide share = cyclic ? 1 - pow(r->lambda, (wide)r->d) : 1 - r->lambda;
-		r->R[i * r->d + i] += next ? share / p_inf : 0;
-	}
+	learn(r, 1, zeta, error);
+	add_identity(r, r->lambda, (1 - r->lambda) / p_inf);
+}
+
+/* own: p_inf; memory: the direction that is next. As er, one direction in turn. */
+static void update_cr(reference *r, const wide *zeta, const wide *error) {
+	const wide p_inf = r->own[0] > 0 ? r->own[0] : r->p0;
+	wide next[MAX_D];
+	for (size_t i = 0; i < r->d; i++) { next[i] = fabs(r->memory[0] - (wide)i) < (wide)0.5 ? 1 : 0; }
+	learn(r, 1, zeta, error);
+	add_information(r, r->lambda, (1 - pow(r->lambda, (wide)r->d)) / p_inf, next);
 	r->memory[0] = fmod(r->memory[0] + 1, (wide)r->d);
-	invert_information(r);
 }
 
 /* own: min_square */
 static void update_kulhavy(reference *r, const wide *zeta, const wide *error) {
-	wide gain[MAX_D], square = 0;
-	const wide s = times(r->P, zeta, r->d, gain);
-	for (size_t i = 0; i < r->N * r->d; i++) { r->theta[i] += error[i / r->d] * gain[i % r->d] / (1 + s); }
+	wide Pz[MAX_D], square = 0;
+	const wide s = times(r->P, zeta, r->d, Pz);
+	learn_theta(r, 1, zeta, error);
 	for (size_t i = 0; i < r->d; i++) { square += zeta[i] * zeta[i]; }
 	if (square < r->own[0] || !(s > 0)) { return; }
-	add_outer(r->R, r->lambda - (1 - r->lambda) / s, zeta, r->d);
-	invert_information(r);
+	add_information(r, 1, r->lambda - (1 - r->lambda) / s, zeta);
 }
 
 /* own: k0 */
 static void update_bgf(reference *r, const wide *zeta, const wide *error) {
 	const wide k0 = r->own[0] > 0 ? r->own[0] : r->p0 * (wide)r->d;
 	const wide rate = (1 - r->lambda) * (1 - trace_of_wide(r->P, r->d) / k0);
-	learn_by_information(r, 1 - fmax(rate, 0), zeta, error);
+	learn(r, 1 - fmax(rate, 0), zeta, error);
 }
 
 /* Returns 1 if the regulator is one of these. */
@@ -144,8 +161,10 @@ static int update_of_other_papers(reference *r, const wide *zeta, const wide *er
 		update_reset(r, zeta, error);
 	} else if (strcmp(r->regulator, "vrf") == 0) {
 		update_vrf(r, zeta, error);
-	} else if (strcmp(r->regulator, "er") == 0 || strcmp(r->regulator, "cr") == 0) {
-		update_resetting(r, r->regulator[0] == 'c', zeta, error);
+	} else if (strcmp(r->regulator, "er") == 0) {
+		update_er(r, zeta, error);
+	} else if (strcmp(r->regulator, "cr") == 0) {
+		update_cr(r, zeta, error);
 	} else if (strcmp(r->regulator, "kulhavy") == 0) {
 		update_kulhavy(r, zeta, error);
 	} else if (strcmp(r->regulator, "bgf") == 0) {
@@ -183,7 +202,6 @@ int reference_update(reference *r, const real *zeta_real, const real *psi_next) 
 		const wide rho = times(r->R, zeta, d, Rz);
 		add_outer(r->P, (1 - r->lambda) / (r->lambda * rho), zeta, d);
 		add_outer(r->R, -(1 - r->lambda) / rho, Rz, d);
-		add_outer(r->R, 1, zeta, d);
 		noise = 1;
 	}
 
@@ -200,6 +218,10 @@ int reference_update(reference *r, const real *zeta_real, const real *psi_next) 
 		for (size_t i = 0; i < d; i++) { trace += r->P[i * d + i]; }
 		scale = r->tau0 / trace;
 	}
-	for (size_t i = 0; i < d * d; i++) { r->P[i] *= scale; }
+	add_outer(r->R, 1 / noise, zeta, d);
+	for (size_t i = 0; i < d * d; i++) {
+		r->P[i] *= scale;
+		r->R[i] /= scale;
+	}
 	return 0;
 }

@@ -13,7 +13,7 @@ typedef struct {
 	wide memory[MAX_SETTINGS]; /* what it remembers */
 	wide theta[MAX_N * MAX_D]; /* N rows of d */
 	wide P[MAX_D * MAX_D];
-	wide R[MAX_D * MAX_D]; /* P^-1, of SIFt and of the regulators that are not the paper's */
+	wide R[MAX_D * MAX_D]; /* P^-1 */
 } reference;
 
 /* Theta = 0, P = p0 I, settings as in `e` */

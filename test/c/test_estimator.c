@@ -3,7 +3,7 @@
 
 enum { N = 5, M = 2, D = N + M };
 
-static estimator e;
+static estimator e, other; /* of all tests: of two more, double precision would exceed the Cortex-M4F's RAM */
 
 static void test_starts_from_nothing(void) {
 	for (int f = 0; f < FORMS; f++) {
@@ -38,7 +38,6 @@ static void test_theta_round_trip(void) {
 }
 
 static void test_theta_of_another_estimator(void) {
-	static estimator other;
 	random_source random = random_seed(23);
 	real theta[N * D], back[N * D];
 	estimator_default(&e, N, M, &KOOP(reg_ef), &KOOP(form_plain));
@@ -171,7 +170,6 @@ static void test_prediction_changes_nothing(void) {
 
 static void test_reset_keeps_theta(void) {
 	random_source random = random_seed(24);
-	static estimator fresh;
 	for (int r = 0; r < REGULATORS; r++) {
 		for (int f = 0; f < FORMS; f++) {
 			learned before, after, start;
@@ -188,16 +186,16 @@ static void test_reset_keeps_theta(void) {
 			TEST_ASSERT_TRUE(learned_same_theta(&before, &after, &e));
 
 			/* from here on it is a new estimator that was given this Theta */
-			estimator_default(&fresh, N, M, all_regulators[r], all_forms[f]);
-			CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&fresh.rls, before.theta));
+			estimator_default(&other, N, M, all_regulators[r], all_forms[f]);
+			CHECK_STATUS(KOOP_OK, KOOP(rls_set_theta)(&other.rls, before.theta));
 			for (int k = 0; k < 10; k++) {
-				learned_take(&start, &fresh);
+				learned_take(&start, &other);
 				CHECK(learned_same_covariance(&start, &after, &e), "%s step %d", estimator_name(&e), k);
 				CHECK(learned_same_theta(&start, &after, &e), "%s step %d", estimator_name(&e), k);
 				random_fill(&random, zeta, D, -1, 1);
 				random_fill(&random, psi_next, N, -1, 1);
 				CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, NULL));
-				CHECK_STATUS(KOOP_OK, estimator_update(&fresh, zeta, psi_next, NULL));
+				CHECK_STATUS(KOOP_OK, estimator_update(&other, zeta, psi_next, NULL));
 				learned_take(&after, &e);
 			}
 		}
@@ -296,23 +294,22 @@ static void test_theta_is_kept_with_zeros_in_its_padding(void) {
 
 /* What is outside its storage, too. */
 static void test_an_estimator_that_begins_again_is_as_a_new_one(void) {
-	static estimator fresh;
 	for (int r = 0; r < REGULATORS; r++) {
 		for (int f = 0; f < FORMS; f++) {
 			random_source random = random_seed(26);
-			estimator_default(&fresh, N, M, all_regulators[r], all_forms[f]);
+			estimator_default(&other, N, M, all_regulators[r], all_forms[f]);
 			estimator_default(&e, N, M, all_regulators[r], all_forms[f]);
 			e.dead_zone.delta = (real)0.01;
 			estimator_teach(&e, &random, 30);
 			e.rls.positive_definite = 0;
 			e.rls.repaired = 5;
 			e.rls.covariance_scale = 3;
-			e.dead_zone.delta = fresh.dead_zone.delta;
+			e.dead_zone.delta = other.dead_zone.delta;
 			estimator_start(&e);
-			TEST_ASSERT_EQUAL_MEMORY(fresh.rls.theta, e.rls.theta, e.rls.kept * sizeof(real));
-			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.theta_bound, &e.rls.theta_bound, sizeof(real));
-			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_bound, &e.rls.covariance_bound, sizeof(real));
-			TEST_ASSERT_EQUAL_MEMORY(&fresh.rls.covariance_scale, &e.rls.covariance_scale, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(other.rls.theta, e.rls.theta, e.rls.kept * sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&other.rls.theta_bound, &e.rls.theta_bound, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&other.rls.covariance_bound, &e.rls.covariance_bound, sizeof(real));
+			TEST_ASSERT_EQUAL_MEMORY(&other.rls.covariance_scale, &e.rls.covariance_scale, sizeof(real));
 			TEST_ASSERT_EQUAL_INT(1, e.rls.positive_definite);
 			TEST_ASSERT_EQUAL_size_t(0, e.rls.repaired);
 		}

@@ -62,8 +62,20 @@ static void test_follow_the_paper(void) {
 	}
 }
 
-/* Whatever long double is: what is not symmetric in it would be taken for an error of the library. */
-static void test_reference_stays_symmetric(void) {
+static void check_reference(const reference *paper) {
+	const size_t d = paper->d;
+	for (size_t i = 0; i < d * d; i++) {
+		const size_t mirrored = i % d * d + i / d;
+		wide product = 0;
+		for (size_t k = 0; k < d; k++) { product += paper->P[i / d * d + k] * paper->R[k * d + i % d]; }
+		CHECK(paper->P[i] == paper->P[mirrored] && paper->R[i] == paper->R[mirrored], "%s", paper->regulator);
+		CHECK(fabs(product - (i % (d + 1) == 0)) < 1e-11, "%s: P R is %g", paper->regulator, (double)product);
+	}
+}
+
+/* Whatever long double is: what is not symmetric in it would be taken for an error of the library. P and R follow
+ * from two different formulas of each paper. */
+static void test_reference_stays_symmetric_and_p_the_inverse_of_r(void) {
 	enum { N = 4, M = 2, D = N + M };
 	static reference paper;
 	random_source random = random_seed(35);
@@ -75,10 +87,7 @@ static void test_reference_stays_symmetric(void) {
 			random_fill(&random, zeta, D, -1, 1);
 			random_fill(&random, psi_next, N, -1, 1);
 			reference_update(&paper, zeta, psi_next);
-		}
-		for (int i = 0; i < D * D; i++) {
-			const int mirrored = i % D * D + i / D;
-			CHECK(paper.P[i] == paper.P[mirrored] && paper.R[i] == paper.R[mirrored], "%s", paper.regulator);
+			check_reference(&paper);
 		}
 	}
 }
@@ -439,7 +448,7 @@ int main(void) {
 	RUN_TEST(test_memory_shorter_than_the_unknowns_is_told);
 	RUN_TEST(test_winding_up_is_told);
 	RUN_TEST(test_follow_the_paper);
-	RUN_TEST(test_reference_stays_symmetric);
+	RUN_TEST(test_reference_stays_symmetric_and_p_the_inverse_of_r);
 	RUN_TEST(test_sift_forgets_strongly);
 	RUN_TEST(test_covariance_without_theta);
 	RUN_TEST(test_equal_batch_least_squares);

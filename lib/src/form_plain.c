@@ -161,7 +161,8 @@ static GLUE int plain_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomin
 	const real old_scale = rls->covariance_scale, size = MATH(fabs)(denominator) / old_scale;
 	real *v = rls->work + rows, *up = rls->work + 2 * rows;
 	KOOP(change) change = {v, NULL, denominator > 0 ? (real)-1 : (real)1};
-	real trace, scale, bound, growth = rls->gain_square * size;
+	/* squares of the gain may have underflowed where size is large */
+	real trace, scale, bound, growth = (rls->gain_square + KOOP_MAX_DIM * REAL_MIN) * size;
 
 	scaled(v, MATH(sqrt)(size), rls->gain, rows);
 	if (step->inflate > 0) {

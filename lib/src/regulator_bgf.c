@@ -25,7 +25,8 @@ static COLD int check_bgf(KOOP(rls) *rls) {
 static int decide_bgf(KOOP(rls) *rls, real innovation, KOOP(step) *step) {
 	const real share = trace_of_covariance(rls) / rls->nominal_trace, lambda = rls->config.lambda;
 	(void)innovation;
-	step->noise = share < 1 ? lambda + (1 - lambda) * share : 1;
+	/* a share below 0 is that of a P that KOOP_CHECK_REPORT let become indefinite */
+	step->noise = share < 1 ? lambda + (1 - lambda) * max_of(share, 0) : 1;
 	step->scale = 1 / step->noise;
 	return KOOP_OK;
 }

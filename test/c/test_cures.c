@@ -481,6 +481,18 @@ static void test_bgf_from_beyond_its_bound(void) {
 	CHECK_STATUS(KOOP_E_RANGE, KOOP(rls_reals)(&e.config, &reals));
 }
 
+/* Of a P that KOOP_CHECK_REPORT let become indefinite, with a trace below 0, lambda_k is lambda and not less. */
+static void test_bgf_of_a_negative_trace(void) {
+	const real zeta[D] = {0}, psi_next[N] = {0};
+	KOOP(health) health;
+	start(&KOOP(reg_bgf), &KOOP(form_plain), 0.9, NULL);
+	e.config.check = KOOP_CHECK_REPORT;
+	estimator_start(&e);
+	for (size_t i = 0; i < e.config.form->reals(&e.rls); i++) { e.rls.covariance[i] *= -100; }
+	CHECK_STATUS(KOOP_OK, estimator_update(&e, zeta, psi_next, &health));
+	CHECK(fabs((double)health.trace * 0.9 / (-1000 * D) - 1) < slack - 1, "%g", (double)health.trace);
+}
+
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_reset_bounds_p_from_both_sides);
@@ -500,5 +512,6 @@ int main(void) {
 	RUN_TEST(test_sift_is_the_decomposition_of_cao_and_schwartz);
 	RUN_TEST(test_bgf_bounds_the_trace);
 	RUN_TEST(test_bgf_from_beyond_its_bound);
+	RUN_TEST(test_bgf_of_a_negative_trace);
 	return UNITY_END();
 }

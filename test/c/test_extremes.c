@@ -61,11 +61,24 @@ static int all_finite(void) {
 	return 1;
 }
 
+/* Overflow is refused by these bounds: of the elements of M, where P is a scale times M, and of those of the root. */
+static void check_bound(int is_root) {
+	const double scale = is_root ? 1 : (double)e.rls.covariance_scale, round_off = 1000 * (double)REAL_EPSILON;
+	const double most = (double)e.rls.covariance_bound * scale * (1 + round_off) + (double)REAL_MIN;
+	for (size_t i = 0; i < e.rls.n_regressors; i++) {
+		for (size_t j = 0; j <= i; j++) {
+			const double size = fabs((double)e.config.form->get(&e.rls, 0, i, j));
+			CHECK(size <= most, "%s: %g, bound %g", estimator_name(&e), size, most);
+		}
+	}
+}
+
 static void check_state(int status, const KOOP(health) *health) {
 	const int is_root = e.config.form == &KOOP(form_sqrt);
 	real P[MOST_D * MOST_D];
 	const int fits = KOOP(rls_get_covariance)(&e.rls, P) == KOOP_OK;
 	CHECK(all_finite() && (fits || is_root), "%s: status %d", estimator_name(&e), status);
+	check_bound(is_root);
 	CHECK(!isnan(health->trace), "%s: status %d, trace %g", estimator_name(&e), status,
 	      (double)health->trace);
 	for (size_t i = 0; i < e.rls.n_regressors && (is_root || e.config.check != KOOP_CHECK_REPORT); i++) {

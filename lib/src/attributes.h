@@ -28,3 +28,11 @@
 #define INLINE inline
 #define HOT
 #endif
+
+/* Columns of floats that are updated at a time: they fill six 16-byte registers, or 24 of 32 single ones. Helium has
+ * eight 16-byte registers, and 24 columns would be spilled. */
+#if defined(__ARM_FEATURE_MVE) && !defined(__OPTIMIZE_SIZE__)
+#define FLOAT_COLUMNS 12
+#else
+#define FLOAT_COLUMNS 24
+#endif

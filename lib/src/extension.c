@@ -74,13 +74,28 @@ static OUT_OF_LINE COLD int extension_step(KOOP(rls) *rls, real innovation, int 
 	return KOOP_OK;
 }
 
-/* Theta's change, which comes later, still needs the gain, and the gate needs zeta; they are neighbours. */
+/* Theta's change, which comes later, still needs the gain, and the gate needs zeta; they are neighbours. Out of line,
+ * as extension_step(). */
+static OUT_OF_LINE COLD void keep_vectors(KOOP(rls) *rls) {
+	copy(undo_of(rls) + rls->n_undo, rls->zeta, 2 * rls->n_regressors_padded);
+}
+
+static OUT_OF_LINE COLD void return_vectors(KOOP(rls) *rls) {
+	copy(rls->zeta, undo_of(rls) + rls->n_undo, 2 * rls->n_regressors_padded);
+}
+
 static COLD int extension_reshape(KOOP(rls) *rls) {
-	real *vectors = undo_of(rls) + rls->n_undo;
 	if (!rls->config.regulator->extension->reshape) { return KOOP_OK; }
-	copy(vectors, rls->zeta, 2 * rls->n_regressors_padded);
+	keep_vectors(rls);
 	const int status = rls->config.regulator->extension->reshape(rls);
-	copy(rls->zeta, vectors, 2 * rls->n_regressors_padded);
+	return_vectors(rls);
+	return status;
+}
+
+static OUT_OF_LINE COLD int extension_finish(KOOP(rls) *rls, const KOOP(rest) *rest, int status) {
+	if (status == KOOP_OK && rest->any) { change_theta(rls, rest->theta, 1, rest->bound); }
+	if (status != KOOP_OK) { extension_undo(rls); }
+	seal(rls); /* the memory can change where the model does not */
 	return status;
 }
 
@@ -88,10 +103,7 @@ static COLD int extension_attend(KOOP(rls) *rls, real innovation, int *frozen) {
 	KOOP(rest) rest;
 	int status = extension_step(rls, innovation, frozen, &rest);
 	if (status == KOOP_OK && rest.any) { status = extension_reshape(rls); }
-	if (status == KOOP_OK && rest.any) { change_theta(rls, rest.theta, 1, rest.bound); }
-	if (status != KOOP_OK) { extension_undo(rls); }
-	seal(rls); /* the memory can change where the model does not */
-	return status;
+	return extension_finish(rls, &rest, status);
 }
 
 const KOOP(engine) KOOP(reg_engine) = {extension_size, extension_restart, extension_attend};
@@ -133,5 +145,7 @@ COLD int KOOP(rls_scale_covariance)(KOOP(rls) *rls, real factor) {
 	if (!(factor > 0 && factor < REAL_MAX / 4)) { return KOOP_E_RANGE; }
 	for (size_t i = 0; i < rls->n_regressors_padded; i++) { rls->zeta[i] = 0; }
 	(void)rls->config.form->gain(rls); /* 0, and so is what the form has worked out for apply() */
-	return change_covariance(rls, 1, factor, 1, 1);
+	const KOOP(step) step = {1, factor, 0, 0, 0, 0, 0, 1};
+	rls->gain_square = 0;
+	return rls->config.form->apply(rls, &step, 1);
 }

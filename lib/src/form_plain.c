@@ -91,13 +91,12 @@ static KERNEL void changed_tile(const KOOP(change) *c, real *restrict tile, cons
 	}
 }
 
-/* Writes the changed M, with its diagonal reduced by the relative amount d epsilon, to where it is factored.
+/* Writes the changed M, with its diagonal reduced by the relative amount d epsilon, to the tiles that are factored.
  * Out of line, as carlson() is. */
-static OUT_OF_LINE HOT void write_lowered(const KOOP(rls) *rls, const KOOP(change) *c) {
-	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded;
-	const real lowered = (real)d * REAL_EPSILON;
-	real *tile = plain_factor(rls);
-	for (size_t i = 0; i < d; i += 4) {
+static OUT_OF_LINE HOT void write_lowered(real *tile, const KOOP(rls) *rls, const KOOP(change) *c) {
+	const size_t rows = rls->n_regressors_padded;
+	const real lowered = (real)rls->n_regressors * REAL_EPSILON;
+	for (size_t i = 0; i < rows; i += 4) {
 		for (size_t j = 0; j <= i; j += 4, tile += 16) { changed_tile(c, tile, rls->covariance, i, j, rows); }
 		real *last = tile - 16; /* the tile on the diagonal */
 		for (size_t k = 0; k < 4; k++) { last[5 * k] -= lowered * last[5 * k]; }
@@ -107,7 +106,7 @@ static OUT_OF_LINE HOT void write_lowered(const KOOP(rls) *rls, const KOOP(chang
 /* Returns 1 if the changed P is positive definite even when lowered. A smaller margin cannot be distinguished from the
  * round-off of P and of the factorisation. */
 static int stays_definite(const KOOP(rls) *rls, const KOOP(change) *c) {
-	write_lowered(rls, c);
+	write_lowered(plain_factor(rls), rls, c);
 	return factor_triangle(plain_factor(rls), rls->n_regressors);
 }
 
@@ -130,7 +129,7 @@ static GLUE int plain_limits(const KOOP(rls) *rls, const KOOP(step) *step, real 
 /* Beyond this factor the scale is multiplied into M. */
 #define PLAIN_SCALE_MAX 1024
 
-static GLUE void plain_set_scale(KOOP(rls) *rls, real scale, real bound) {
+static OUT_OF_LINE GLUE void plain_set_scale(KOOP(rls) *rls, real scale, real bound) {
 	const int near_one = scale > (real)1 / PLAIN_SCALE_MAX && scale < PLAIN_SCALE_MAX;
 	if (!near_one) { scaled(rls->covariance, scale, rls->covariance, plain_size(rls)); }
 	rls->covariance_scale = near_one ? scale : 1;
@@ -147,7 +146,7 @@ static GLUE void plain_change_inverse(KOOP(rls) *rls, const KOOP(step) *step) {
 }
 
 /* Makes one row symmetric per update, and so all of P within d updates. */
-static void plain_mirror(KOOP(rls) *rls) {
+static OUT_OF_LINE void plain_mirror(KOOP(rls) *rls) {
 	const size_t rows = rls->n_regressors_padded, next = rls->mirrored + 1;
 	rls->mirrored = next < rls->n_regressors ? next : 0;
 	symmetric_mirror(rls->covariance, rls->mirrored, rows);

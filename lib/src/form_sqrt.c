@@ -102,10 +102,10 @@ static int sqrt_trace_limits(const KOOP(step) *step, real trace, size_t size, re
 }
 
 /* The new bound of S's elements, or the status that refuses the update; S is not changed. No row of S grows
- * by more than `growth`. The square of a diagonal element shrinks by a factor of noise / denominator at most.
- */
-static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real denominator, real growth,
-                            real *bound) {
+ * by more than `growth`. The square of a diagonal element shrinks by a factor of noise / denominator at most. Out of
+ * line, as carlson(). */
+static OUT_OF_LINE GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real denominator, real growth,
+                                        real *bound) {
 	const size_t d = rls->n_regressors, size = KOOP_TRIANGLE(d);
 	const real *S = rls->covariance, *diagonal = S;
 	const real root_scale = MATH(sqrt)(step->scale);
@@ -124,9 +124,17 @@ static GLUE int sqrt_limits(const KOOP(rls) *rls, const KOOP(step) *step, real d
 	return KOOP_OK;
 }
 
+/* S S' + root^2 v v'. Out of line, as carlson(). */
+static OUT_OF_LINE GLUE void sqrt_grow(KOOP(rls) *rls, real root, const real *v) {
+	real *up = rls->work + 2 * rls->n_regressors_padded;
+	scaled(up, root, v, rls->n_regressors_padded);
+	sqrt_add(rls, up);
+	sqrt_project(rls);
+}
+
 static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denominator) {
 	const size_t d = rls->n_regressors, rows = rls->n_regressors_padded, size = KOOP_TRIANGLE(d);
-	real *S = rls->covariance, *f = rls->work, *b = rls->work + rows, *up = rls->work + 2 * rows;
+	real *S = rls->covariance, *f = rls->work, *b = rls->work + rows;
 	/* with a negative denominator P grows along the gain, and with f = 0 nothing is subtracted */
 	const int grows = denominator < 0;
 	const real *along = grows ? rls->gain : rls->zeta;
@@ -136,11 +144,7 @@ static GLUE int sqrt_apply(KOOP(rls) *rls, const KOOP(step) *step, real denomina
 	const int status = sqrt_limits(rls, step, denominator, growth, &bound);
 	if (status != KOOP_OK) { return status; }
 
-	if (root > 0) {
-		scaled(up, root, along, rows);
-		sqrt_add(rls, up);
-		sqrt_project(rls);
-	}
+	if (root > 0) { sqrt_grow(rls, root, along); }
 	if (grows) { scaled(f, 0, f, rows); }
 	carlson(S, f, b, step->noise, MATH(sqrt)(step->scale), d);
 	if (step->trace > 0) {

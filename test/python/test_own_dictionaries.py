@@ -309,6 +309,50 @@ def test_fitted_model_loads_in_firmware_with_its_source_alone(own, precision, tm
     assert tk.RLS(tk.CSource(own / "both.c", "mine"), 2, precision=precision).load(tmp_path / "model.h", 3).theta.shape == (6, 8)
 
 
+FACTOR = """
+static void lift(const koopf_dictionary *self, const float *x, float *psi) {
+	(void)self;
+	for (size_t i = 0; i < 3; i++) { psi[i] = x[i]; }
+	psi[3] = %sf * x[0] * x[1];
+}
+const koopf_dictionary mine = {"mine", 3, 4, lift, NULL};
+"""
+FUNCTION = "import numpy as np\ndef mine(x):\n    assert np.abs(x).max() < 2  # only where the robot drives\n    return np.column_stack([x, %s * x[:, 0] * x[:, 1]])\n"
+
+
+@pytest.mark.parametrize("ending, text", [("c", '#include "tinykoop.h"\n' + FACTOR), ("py", FUNCTION)])
+def test_model_is_refused_where_the_functions_have_changed_under_the_same_name(own, tmp_path, ending, text):
+    def learner(name, factor):
+        (tmp_path / name).mkdir(exist_ok=True)
+        (tmp_path / name / f"own.{ending}").write_text(text % factor)
+        return tk.RLS(dictionaries.from_file(f"{tmp_path / name / f'own.{ending}'}:mine"), 2, regulator="none")
+
+    fitted, same, changed = learner("a", "0.5"), learner("b", "0.5"), learner("c", "0.5005")
+    x = np.random.default_rng(5).uniform(-1, 1, (60, 3))
+    fitted.fit(x, x[:-1, :2]).export(tmp_path / "model.h")
+    np.testing.assert_array_equal(same.load(tmp_path / "model.h", 3).theta, fitted.theta.astype(np.float32))
+    changed.fit(x[::-1], x[:-1, :2])
+    theta, P = changed.theta, changed.P
+    with pytest.raises(
+        tk.UserError, match=r"model.h: the functions of dictionary .* have changed since this model was fitted; fit it again"
+    ):
+        changed.load(tmp_path / "model.h")
+    np.testing.assert_array_equal(changed.theta, theta)
+    np.testing.assert_array_equal(changed.P, P)
+    assert np.isfinite(dictionaries.fingerprint(changed._core)[0]).sum() >= 6  # a state that a function is not made for does not end it
+
+
+def test_pickle_is_refused_where_the_functions_have_changed(own, tmp_path):
+    file = tmp_path / "own.c"
+    file.write_text('#include "tinykoop.h"\n' + FACTOR % "0.5")
+    x = np.random.default_rng(6).uniform(-1, 1, (60, 3))
+    kept = pickle.dumps(tk.RLS(tk.CSource(file, "mine"), 2).fit(x, x[:-1, :2]))
+    assert pickle.loads(kept).theta.shape == (4, 6)
+    file.write_text('#include "tinykoop.h"\n' + FACTOR % "0.25")
+    with pytest.raises(tk.UserError, match="pickle: the functions of dictionary .* have changed"):
+        pickle.loads(kept)
+
+
 def test_model_of_parts_carries_the_settings_and_sizes(own, tmp_path):
     fit.run(own / "log.csv", tmp_path / "model.h", f"{own / 'own.py'}:parts")
     header = (tmp_path / "model.h").read_text()

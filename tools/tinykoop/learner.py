@@ -18,6 +18,7 @@ from .plumbing.results import write_bytes
 OK, OUTLIER = 0, -9  # KOOP_OK, KOOP_E_OUTLIER
 BITS = {"f32": 32, "f64": 64}
 CHECKS = {"refuse": bridge.CHECK_REFUSE, "report": bridge.CHECK_REPORT, "diagonal": bridge.CHECK_DIAGONAL}
+SUMS = "Sums of its functions at fixed states:"  # in the header of a model whose dictionary is a function
 TRUST = {-1: None, 0: "trusted", 1: "doubtful", 2: "refuse"}
 
 
@@ -293,32 +294,46 @@ class RLS:
             include, own = '#include "tinykoop.h"\n', dictionaries.c_code(given, self._core.n, name, precision)
         elif not isinstance(given, str):
             told += "\n" + dictionaries.comment(f'It loads only with the dictionary "{given.own(self._core.n).name}": {given}')
+            told += "\n" + dictionaries.comment(f"{SUMS} {' '.join(f'{value:.9g}' for value in self._sums())}")
         return f"{told}\n#include <stdint.h>\n{include}\nstatic const uint8_t {name}[{len(model)}] = {{\n\t{body},\n}};\n{own and chr(10) + own}"
 
     def load(self, path: str | Path, n_states: int | None = None) -> "RLS":
         """Takes a model that export() or `tinykoop fit` wrote. n_states: needed where the dictionary does not tell it.
 
-        Raises UserError if it has another dictionary, precision or size, or is damaged.
+        Raises UserError if it has another dictionary, precision or size, or is damaged. A header also tells a function
+        from one of the same name that has changed since; bytes (.bin) do not.
         """
         if not hasattr(self, "_core"):
             self._start(_states_of(self.dictionary, n_states))
-        self._core.load(_bytes(Path(path)))
+        self._take(*_stored(Path(path)), path)
         return self
+
+    def _sums(self):
+        """What tells the functions of a dictionary from others of the same name; nothing of settings, which its name tells."""
+        given, _ = self._began
+        return [] if isinstance(given, (str, dictionaries.Dictionary)) else dictionaries.fingerprint(self._core)[0].tolist()
+
+    def _take(self, model, sums, where):
+        before = self._core.model(covariance=True)
+        self._core.load(model)
+        if sums and not dictionaries.is_as(self._core, sums):
+            self._core.load(before)
+            raise UserError(f"{where}: the functions of dictionary {self._began[0]} have changed since this model was fitted; fit it again")
 
     # ---- copies ----------------------------------------------------------------------------------------
 
     def __getstate__(self):
         state = {key: value for key, value in vars(self).items() if key not in ("_core", "_began", "_last")}
-        return state | ({"_model": self._core.model(covariance=True)} if hasattr(self, "_core") else {})
+        return state | ({"_model": self._core.model(covariance=True), "_sums": self._sums()} if hasattr(self, "_core") else {})
 
     def __setstate__(self, state):
         state = dict(state)
-        model = state.pop("_model", None)
+        model, sums = state.pop("_model", None), state.pop("_sums", [])
         counted = {key: state.get(key) for key in ("n_features_in_", "n_refused_", "health_")}
         vars(self).update(state)
         if model is not None:
             self._start(counted["n_features_in_"])
-            self._core.load(model)
+            self._take(model, sums, "pickle")
             vars(self).update(counted)
 
     def __deepcopy__(self, memo):
@@ -388,15 +403,18 @@ def _states_of(dictionary, given):
     raise ValueError("this dictionary does not say how many states the model has: give n_states")
 
 
-def _bytes(path):
-    """Of a .bin, or of the first array of a header."""
+def _stored(path):
+    """Bytes of a .bin, or of the first array of a header, and the sums of its dictionary, if it has them."""
     try:
         content = path.read_bytes()
     except OSError as error:
         raise UserError(f"{path}: {error.strerror}") from None
     if path.suffix != ".h":
-        return content
+        return content, []
     found = re.search(rb"uint8_t\s+\w+\[\d+\]\s*=\s*\{([^}]*)\}", content)
     if not found:
         raise UserError(f"{path}: has no array of uint8_t; give a header that export() or `tinykoop fit` wrote")
-    return bytes(int(byte, 16) for byte in found[1].replace(b",", b" ").split())
+    sums = re.search(rf"{SUMS}([-+.\w ]*)".encode(), content)
+    return bytes(int(byte, 16) for byte in found[1].replace(b",", b" ").split()), [
+        float(value) for value in sums[1].split()
+    ] if sums else []

@@ -65,7 +65,7 @@ build: $(VENV)/ready ## everything for the host: libraries, simulator, Python en
 	@cmake -S . -B $(BUILD)/host >$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 	@cmake --build $(BUILD)/host -j $(JOBS) >>$(BUILD)/host.log || { cat $(BUILD)/host.log >&2; exit 1; }
 
-demo: build ## the main job: eleven methods learn and control the DDR, precision study, one gap diagnosis (LOG=x.csv: also replays your log)
+demo: build ## the main job: every method learns and controls the DDR, precision study, one gap diagnosis (LOG=x.csv: also replays your log)
 	@$(TINYKOOP) demo $(if $(LOG),--log "$(LOG)") $(UPDATED)
 
 test: build c-tests $(VENV)/test-ready ## every test that needs no cross toolchain

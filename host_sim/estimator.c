@@ -1,6 +1,7 @@
 /* lib/ in either precision behind one interface. */
 #define _POSIX_C_SOURCE 199309L
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>

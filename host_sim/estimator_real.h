@@ -184,6 +184,32 @@ static int SIM(start_gate)(SIM(estimator) * e) {
 	return KOOP(gate_init)(&e->gate, &e->gate_config, &e->rls, e->gate_storage, reals + 3 * e->rls.n_lifted);
 }
 
+/* ", fast = 5, slow = 3" */
+static const char *SIM(list_settings)(const KOOP(regulator) *regulator, const REAL *value, char *text, size_t size) {
+	size_t used = 0;
+	text[0] = 0;
+	for (size_t i = 0; i < regulator->n_settings && used < size; i++) {
+		used += (size_t)snprintf(text + used, size - used, ", %s = %g", regulator->settings[i].name, (double)value[i]);
+	}
+	return text;
+}
+
+/* Says why a configuration is refused, and names what is outside its range. */
+static int SIM(refuse)(const KOOP(config) *c, int status) {
+	const KOOP(regulator) *r = c->regulator;
+	const REAL *value = c->settings ? c->settings : r->defaults;
+	char text[400];
+	if (status != KOOP_E_RANGE) { return fail("estimator: %s", KOOP(status_message)(status)); }
+	for (size_t i = 0; i < r->n_settings; i++) {
+		const KOOP(setting) *one = &r->settings[i];
+		if (value[i] >= one->low && value[i] <= one->high) { continue; }
+		return fail("estimator: setting %s of regulator %s is %g, outside its range %g to %g", one->name, r->name, (double)value[i],
+		            (double)one->low, (double)one->high);
+	}
+	return fail("estimator: lambda, p0 or settings that depend on each other are outside their range: regulator %s, lambda = %g, p0 = %g%s",
+	            r->name, (double)c->lambda, (double)c->p0, SIM(list_settings)(r, value, text, sizeof text));
+}
+
 static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 	KOOP(config) config = {
 	    .dictionary = s->own ? &s->own->SIM(own)->dictionary : SIM(dictionary)(s->dictionary),
@@ -200,7 +226,8 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 
 	const size_t own = config.regulator->n_settings;
 	REAL settings[TK_MAX_SETTINGS];
-	if (s->n_settings > 0 && (s->n_settings != own || own > TK_MAX_SETTINGS || !s->settings)) {
+	if (own > TK_MAX_SETTINGS) { return fail("regulator '%s' has %zu settings; raise TK_MAX_SETTINGS", s->regulator, own); }
+	if (s->n_settings > 0 && (s->n_settings != own || !s->settings)) {
 		return fail("regulator '%s' has %zu settings, not %zu", s->regulator, own, s->n_settings);
 	}
 	for (size_t i = 0; i < s->n_settings; i++) { settings[i] = (REAL)s->settings[i]; }
@@ -208,7 +235,7 @@ static int SIM(new)(const tk_settings *s, SIM(estimator) * *out) {
 
 	size_t reals;
 	int status = KOOP(rls_reals)(&config, &reals);
-	if (status != KOOP_OK) { return fail("estimator: %s", KOOP(status_message)(status)); }
+	if (status != KOOP_OK) { return SIM(refuse)(&config, status); }
 	SIM(estimator) *e = calloc(1, sizeof *e);
 	if (!e) { return fail("out of memory"); }
 	const size_t N = config.dictionary->n_lifted, n = config.dictionary->n_states, m = config.n_inputs;

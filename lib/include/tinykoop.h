@@ -94,11 +94,11 @@ typedef struct koop_checksum {
  *
  *     static float storage[KOOP_RLS_REALS_SQRT(22, 2)];
  *
- * SQRT is for the square-root form with any regulator. PLAIN is for the plain form
- * with any regulator and any check. rls_reals() returns the exact number, which
+ * SQRT is for the square-root form, PLAIN for the plain form and any check. Both are
+ * for regulators without an extension. rls_reals() returns the exact number, which
  * is smaller in the plain form without SIFt or with KOOP_CHECK_DIAGONAL.
  *
- * A regulator with k reals of memory takes 2 KOOP_PAD(k) more, and one that reshapes P as much again as P and
+ * An extension with k reals of memory takes 2 KOOP_PAD(k) more, and one that reshapes P as much again as P and
  * 2 KOOP_PAD(d) + 4 more. So does the gate's storage. KOOP_EXTENSION_REALS_SQRT and .._PLAIN, added to these, suffice
  * for each regulator that is provided; the list below says which of them need it.
  *

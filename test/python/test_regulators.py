@@ -50,7 +50,8 @@ def test_settings_have_bounds_that_hold(name, setting):
     assert setting.low <= setting.default <= setting.high and np.isfinite([setting.low, setting.high]).all()
     bridge.Estimator("poly_ddr", name, 64, **{setting.name: setting.default})
     for outside in (setting.low - 1e-3 - 1e-3 * abs(setting.low), np.inf, np.nan):
-        with pytest.raises(UserError, match="estimator: a setting is outside"):
+        said = f"setting {setting.name} of regulator {name} is {outside:g}, outside its range {setting.low:g} to {setting.high:g}"
+        with pytest.raises(UserError, match=re.escape(said)):
             bridge.Estimator("poly_ddr", name, 64, **{setting.name: outside})
 
 
@@ -74,6 +75,13 @@ def test_every_regulator_that_is_defined_is_listed_and_compiled():
     assert [file.name for file in files if f'#include "{file.name}"' not in included] == []
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_every_regulator_and_each_of_its_settings_is_described(name):
+    page = (ROOT / "docs/learning.md").read_text()
+    assert re.search(rf"^\|[^|]*`{name}`", page, re.M), f"docs/learning.md has no row of `{name}`"
+    assert [setting.name for setting in bridge.regulators()[name] if f"`{setting.name}`" not in page] == []
+
+
 @pytest.mark.parametrize("end", ["low", "high"])
 @pytest.mark.parametrize("name, setting", SETTINGS)
 def test_learns_at_the_ends_of_its_settings(name, setting, end, drive):
@@ -81,7 +89,7 @@ def test_learns_at_the_ends_of_its_settings(name, setting, end, drive):
     try:
         estimator = bridge.Estimator("poly_ddr", name, 64, form="sqrt", check=bridge.CHECK_REFUSE, **{setting.name: getattr(setting, end)})
     except UserError as refused:
-        assert "outside its range" in str(refused)
+        assert re.search(rf"regulator {name}, lambda = .*, {setting.name} = ", str(refused))
         return
     trace = estimator.replay(*drive)
     assert np.isfinite(trace["error"]).all() and np.isfinite(estimator.theta).all()

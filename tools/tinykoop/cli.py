@@ -66,7 +66,7 @@ def _your_log(add):
     effects = add("effects", "list all effects with formula, parameters, units, bounds and typical size", out=False)
     effects.add_argument("--robot", default="ddr", metavar="ROBOT", help=whose)
     effects.add_argument("--log", help="sizes as they are in this log of your own robot")
-    play = add("replay", "run the eleven methods over a log, both precisions and forms")
+    play = add("replay", "run every method over a log, both precisions and forms")
     play.add_argument("log")
     play.add_argument("--platform", choices=PLATFORMS, help="default: by the columns")
     play.add_argument("--dictionary", metavar=OWN, help=f"your own, with every regulator, instead of poly and rbf: {OWN_FILE}")

@@ -1,6 +1,6 @@
 """Real logs: float32, the gate and the diagnoser on robots that have no simulator here.
 
-Each log is replayed through the eleven methods; drives are diagnosed as well, and with simulated ones beside them settings are
+Each log is replayed through all methods; drives are diagnosed as well, and with simulated ones beside them settings are
 chosen for them. The logs are not part of the project.
 """
 

@@ -1,4 +1,4 @@
-"""Replay of a real log through the eleven methods, in both precisions and forms of the covariance.
+"""Replay of a real log through all methods, in both precisions and forms of the covariance.
 
 The first 20 % of the log fits the offline model, the next 20 % calibrates the dead-zone threshold
 (paper, remark "Dead-Zone Threshold Selection"), the rest is learned online and scored one step ahead.

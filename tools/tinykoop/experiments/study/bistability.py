@@ -12,6 +12,7 @@ from .solvers import NEWTON, SOLVERS
 
 SIGMAS = (1e-6, 1e-4, 1e-2, 1e-1)  # of the start offset (m, m, rad)
 BISTABLE = ("ef", "dz_cs", "dz_ks")
+STEADY = ("ct", "sift")
 RESET_P0 = 100.0
 
 
@@ -37,9 +38,10 @@ class Setting:
 
 
 def design():
-    """One factor at a time around Newton, float64, plain, carried over; fewer cells for those that never fail."""
+    """One factor at a time around Newton, float64, plain, carried over; fewer cells for those that never fail, and for other papers'."""
     bistable = [scenario.Method("poly", regulator) for regulator in BISTABLE]
-    steady = [scenario.Method("poly", regulator) for regulator in ("ct", "sift")]
+    steady = [scenario.Method("poly", regulator) for regulator in STEADY]
+    others = [scenario.Method("poly", regulator) for regulator in scenario.REGULATORS if regulator not in BISTABLE + STEADY]
     controls = [scenario.Method("rbf", regulator) for regulator in ("dz_cs", "dz_ks", "ct", "sift")]
     cells = [Setting(m, sigma) for m in bistable for sigma in (0.0, *SIGMAS)]
     cells += [Setting(m, solver=solver) for m in bistable for solver in SOLVERS]
@@ -47,7 +49,8 @@ def design():
     for m in steady:
         cells += [Setting(m, sigma) for sigma in (0.0, SIGMA, 1e-1)]
         cells += [Setting(m, solver="DAQP"), Setting(m, precision=32)]
-    cells += [Setting(m, start="P reset") for m in bistable + steady]
+    cells += [Setting(m) for m in others]
+    cells += [Setting(m, start="P reset") for m in bistable + steady + others]
     cells += [Setting(m, sigma) for m in controls for sigma in (SIGMA, 1e-1)]
     return cells + [Setting(m, start="P reset") for m in controls]
 

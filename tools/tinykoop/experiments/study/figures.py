@@ -45,7 +45,7 @@ def draw_bistability(out, cells):
     for row in poly:
         if row["sigma"] == 0:
             continue
-        place = names.index(setting(row)) + 0.15 * (scenario.REGULATORS.index(row["regulator"]) - 2)
+        place = names.index(setting(row)) + 0.75 * ((scenario.REGULATORS.index(row["regulator"]) + 0.5) / len(scenario.REGULATORS) - 0.5)
         low, high = row["ci95"]
         right.plot([low, high], [place, place], color=plots.STYLES[row["regulator"]]["color"], lw=1.2)
         right.plot(

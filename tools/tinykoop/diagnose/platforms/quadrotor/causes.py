@@ -248,23 +248,28 @@ def _spreads():
     return (FREEDOM - 2) / (2 * stats.gamma.ppf(1 - middles, FREEDOM / 2))
 
 
-def _normal(d, covariance):
-    """Density of N(0, covariance) at d (f,)."""
+def _normals_at(d, covariance):
+    """Densities (k,) of N(0, covariance (k, f, f)) at d (k, f)."""
     L = np.linalg.cholesky(covariance)
-    return float(np.exp(-0.5 * (np.linalg.solve(L, d) ** 2).sum() - np.log(L.diagonal()).sum() - 0.5 * len(d) * np.log(2 * np.pi)))
+    squares = (np.linalg.solve(L, d[..., None])[..., 0] ** 2).sum(1)
+    logs = np.log(np.diagonal(L, axis1=1, axis2=2)).sum(1)
+    return np.exp(-0.5 * squares - logs - 0.5 * d.shape[1] * np.log(2 * np.pi))
 
 
-def _one(H, positive, scale, d, S, drawn=True):
-    """(marginal likelihood, draws (n, p) of the sizes, none unless `drawn`) for a prior of this scale and noise of covariance S."""
+def _scaled(differences):
+    """(d (k, f), S (k, f, f)) of each healthy flight in each scale of the mixture, one behind the other."""
+    d, S = (np.array(part) for part in zip(*differences))
+    spreads = np.tile(_spreads(), len(d))
+    return np.repeat(d, SCALES, 0), np.repeat(S, SCALES, 0) * spreads[:, None, None]
+
+
+def _drawn(H, positive, scale, d, C):
+    """(shares (k,) of draws of the sizes whose signs are right, those draws (n, p) of each) for a prior of this scale."""
     D = np.diag(scale**2)
-    C = H @ D @ H.T + S
-    if not drawn:
-        return _normal(d, C), np.zeros((0, len(scale)))
-    K = np.linalg.solve(C, H @ D).T
-    centre, left = K @ d, D - K @ H @ D
-    z = centre + _normals(len(scale)) @ np.linalg.cholesky(left + 1e-12 * D).T
+    K = np.linalg.solve(C, H @ D).swapaxes(1, 2)
+    z = K @ d[..., None] + np.linalg.cholesky(D - K @ H @ D + 1e-12 * D) @ _normals(len(scale)).T
     right = (z[:, :positive] > 0).all(1)
-    return _normal(d, C) * right.mean() * 2.0**positive, z[right]
+    return right.mean(1), [some[:, those].T for some, those in zip(z, right)]
 
 
 def _sized(explanation, differences, known):
@@ -272,19 +277,22 @@ def _sized(explanation, differences, known):
 
     differences: [(d (f,), S (f, f))], one for each healthy flight, of the features that are `known`.
     """
-    H = explanation.H[known]
-    total, draws, weights = 0.0, [np.zeros((0, H.shape[1]))], [np.zeros(0)]
-    parts = [(scale, d, S * spread) for scale in explanation.scales for d, S in differences for spread in _spreads()]
-    for part in parts:
-        likelihood, z = _one(H, explanation.positive, *part, drawn=explanation.causes != (OTHER,))
-        total += likelihood / len(parts)
-        draws.append(z)
-        weights.append(np.full(len(z), likelihood / max(len(z), 1)))
-    return total, np.concatenate(draws), np.concatenate(weights)
+    H, (d, S) = explanation.H[known], _scaled(differences)
+    likelihoods, draws = [], [np.zeros((0, H.shape[1]))]
+    for scale in explanation.scales:
+        C = H @ np.diag(scale**2) @ H.T + S
+        likelihood = _normals_at(d, C)
+        if explanation.causes != (OTHER,):
+            share, some = _drawn(H, explanation.positive, scale, d, C)
+            likelihood, draws = likelihood * share * 2.0**explanation.positive, [*draws, *some]
+        likelihoods.append(likelihood)
+    likelihoods = np.concatenate(likelihoods)
+    weights = [np.full(len(z), likelihood / max(len(z), 1)) for likelihood, z in zip(likelihoods, draws[1:])]
+    return likelihoods.mean(), np.concatenate(draws), np.concatenate([np.zeros(0), *weights])
 
 
 def _unchanged(differences):
-    return np.mean([_normal(d, S * spread) for d, S in differences for spread in _spreads()])
+    return _normals_at(*_scaled(differences)).mean()
 
 
 def posterior(every, differences, known):

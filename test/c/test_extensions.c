@@ -413,6 +413,16 @@ static void test_further_changes_check_what_they_get(void) {
 	}
 }
 
+/* Its inverse must be below a quarter of the largest number. */
+static void test_the_least_information_is_taken(void) {
+	for (int f = 0; f < FORMS; f++) {
+		const real nothing[D] = {0}, largest = REAL_MAX / 4;
+		start(&everything, all_forms[f]);
+		CHECK_STATUS(KOOP_OK, KOOP(rls_add_information)(&e.rls, nothing, (1 + 4 * REAL_EPSILON) / largest));
+		CHECK_STATUS(KOOP_E_RANGE, KOOP(rls_add_information)(&e.rls, nothing, (1 - 4 * REAL_EPSILON) / largest));
+	}
+}
+
 /* Settings: as many as are listed, each within its bounds; all regulators of the list. */
 static void test_settings_of_all_regulators(void) {
 	for (int r = 0; r < REGULATORS; r++) {
@@ -472,6 +482,7 @@ int main(void) {
 	RUN_TEST(test_negative_noise_beyond_the_denominator_is_refused);
 	RUN_TEST(test_covariance_resetting);
 	RUN_TEST(test_further_changes_check_what_they_get);
+	RUN_TEST(test_the_least_information_is_taken);
 	RUN_TEST(test_settings_of_all_regulators);
 	RUN_TEST(test_names_are_distinct);
 	return UNITY_END();

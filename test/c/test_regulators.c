@@ -391,6 +391,17 @@ static void test_memory_shorter_than_the_unknowns_is_told(void) {
 	}
 }
 
+static void test_no_memory_is_short_where_only_a_part_is_forgotten(void) {
+	const KOOP(regulator) *const partial[] = {&KOOP(reg_none), &KOOP(reg_sift), &KOOP(reg_kulhavy), &KOOP(reg_vrf),
+	                                          &KOOP(reg_reset)};
+	for (size_t r = 0; r < sizeof partial / sizeof *partial; r++) {
+		estimator_settings(&e, 6, 2, partial[r], &KOOP(form_sqrt));
+		e.config.lambda = (real)0.5;
+		estimator_start(&e);
+		CHECK(!e.rls.short_memory, "%s", estimator_name(&e));
+	}
+}
+
 /* Without excitation the trace grows by 1 / lambda per sample, but where the regulator bounds it. */
 static void test_winding_up_is_told(void) {
 	for (size_t f = 0; f < FORMS; f++) {
@@ -446,6 +457,7 @@ static void test_sift_takes_what_is_above_the_least_information_by_default(void)
 int main(void) {
 	UNITY_BEGIN();
 	RUN_TEST(test_memory_shorter_than_the_unknowns_is_told);
+	RUN_TEST(test_no_memory_is_short_where_only_a_part_is_forgotten);
 	RUN_TEST(test_winding_up_is_told);
 	RUN_TEST(test_follow_the_paper);
 	RUN_TEST(test_reference_stays_symmetric_and_p_the_inverse_of_r);

@@ -69,7 +69,7 @@ def draw_horizons(out, ahead):
     """Error of the runs that track, and runs that are lost, for each method and horizon, from starts that are far apart."""
     of = {(row["dictionary"], row["regulator"], row["horizon"]): row for row in ahead if row["sigma"] == FAR}
     lost = {steps: sum(row["failures"] for row in of.values() if row["horizon"] == steps) for steps in HORIZONS}
-    figure, (left, right) = plots.subplots(1, 2, figsize=(11, 5), sharey=True)
+    figure, (left, right) = plots.subplots(1, 2, figsize=(11, 1.5 + 0.32 * len(scenario.METHODS)), sharey=True)
     title = f"From starts {FAR:g} m apart, runs lost with a horizon of " + ", ".join(f"{steps} steps: {n}" for steps, n in lost.items())
     figure.suptitle(title, x=0.01, ha="left")
     for y, method in enumerate(scenario.METHODS):

@@ -97,8 +97,14 @@ STEP = re.compile(r"^\$ ((?:[^\n]*\\\n)*[^\n]*)\n((?:(?!\$ )[^\n]*\n)*)", re.M) 
 
 def shows(output, wanted):
     """Whether the output has these lines, one behind the other; `...` stands for anything, and blanks for each other."""
-    pieces = [r"\s+".join(map(re.escape, piece.split())) for piece in re.split(r"\.\.\.|\n", wanted)]
-    return re.search(".*".join(pieces), output, re.S) is not None
+    pieces = (r"\s+".join(map(re.escape, piece.split())) for piece in re.split(r"\.\.\.|\n", wanted))
+    at = 0
+    for piece in pieces:  # each as early as it can be: one pattern of all would try every place of each
+        found = re.compile(piece).search(output, at)
+        if not found:
+            return False
+        at = found.end()
+    return True
 
 
 def checkout(folder):

@@ -104,7 +104,7 @@ def test_kbuild_names_the_sources_of_the_folder():
 @pytest.mark.parametrize("switch, last", [((), "planner.o"), (("BENCHMARK=1",), "benchmark.o")])
 def test_the_benchmark_takes_the_place_of_the_planner(switch, last):
     read = f"include {EXAMPLE}/src/Kbuild\nall: ; @echo $(obj-y)\n"
-    done = subprocess.run(["make", "-f", "-", *switch], input=read, capture_output=True, text=True, check=True)
+    done = subprocess.run(["make", "--no-print-directory", "-f", "-", *switch], input=read, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["learner.o", last, "library.o"]
 
 

@@ -58,13 +58,18 @@ def weigh(tree, program, plugin):
 
 # ---- a loop by hand --------------------------------------------------------------------------------
 
-LOOP = """
+MAIN = """
     .syntax unified
     .thumb
     .global main
     .type main, %function
 main:
     push {r4, lr}
+"""
+
+LOOP = (
+    MAIN
+    + """
     sub sp, #16
     mov r1, sp
     dbg #1
@@ -87,6 +92,7 @@ main:
     add sp, #16
     pop {r4, pc}
 """
+)
 
 
 def test_a_loop_takes_the_cycles_that_a_hand_calculation_gives(tmp_path, plugin):
@@ -97,13 +103,9 @@ def test_a_loop_takes_the_cycles_that_a_hand_calculation_gives(tmp_path, plugin)
     assert nothing == [0, 0, 0]
 
 
-BRANCHES = """
-    .syntax unified
-    .thumb
-    .global main
-    .type main, %function
-main:
-    push {r4, lr}
+BRANCHES = (
+    MAIN
+    + """
     movs r4, #{odd}
     dbg #1
     cmp r4, #1              @ 1
@@ -117,6 +119,7 @@ main:
     movs r0, #0
     pop {r4, pc}
 """
+)
 
 
 @pytest.mark.parametrize("odd, by_hand", [(1, [7, 13]), (0, [6, 14])])
